@@ -24,6 +24,18 @@ def draft_of(path: Path) -> Path:
     return path.with_name(f".{start}.{secrets.token_hex(8)}{suffix}")
 
 
+def begin_draft(draft: Path, path: Path) -> None:
+    """Make the empty draft that will replace `path`, closed to whomever what lies there now is closed to.
+
+    So a file that `tempfile` has named is private from the first byte on. Raises FileExistsError where the draft is.
+    """
+    try:
+        mode = path.stat().st_mode & 0o666 | 0o600  # what its owner may not write is replaced all the same
+    except OSError:
+        mode = 0o666
+    draft.touch(mode, exist_ok=False)  # less what the umask takes
+
+
 def check_file(path: Path, inputs: Iterable[Path | None]) -> None:
     """Refuse a file that cannot be written or would replace one of the `inputs`."""
     _check_name(path)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -19,3 +20,18 @@ def contents_below(folder: Path) -> Iterator[bytes]:
     for path in files_below(folder):
         with suppress(FileNotFoundError):
             yield path.read_bytes()
+
+
+def permissions(path: Path) -> int:
+    """Who may do what with a file or folder, as `chmod` takes it."""
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+@contextmanager
+def umask_of(mask: int) -> Iterator[None]:
+    """What this process makes meanwhile lacks these permissions."""
+    before = os.umask(mask)
+    try:
+        yield
+    finally:
+        os.umask(before)

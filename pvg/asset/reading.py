@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Floats
 from pvg._checks import whole_number
-from pvg._targets import check_file, draft_of
+from pvg._targets import begin_draft, check_file, draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
 from pvg.asset.checking import PLACES, Reach, check_chunk, check_keys, check_manifest, entry_limit
 from pvg.asset.entries import DAMAGE, Entries
@@ -140,7 +140,8 @@ class VectorVideo:
         check_file(target, [self.source])
         draft = draft_of(target)
         try:
-            with draft.open("xb") as out, self.path.open("rb") as data:
+            begin_draft(draft, target)
+            with draft.open("wb") as out, self.path.open("rb") as data:
                 shutil.copyfileobj(data, out, 1 << 20)
             if self.source is not None:
                 replace_manifest(draft, {**self.manifest, **source_note(self.source, target)})

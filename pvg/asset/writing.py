@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._targets import draft_of
+from pvg._targets import begin_draft, draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, MATTES, decode, encode, to_bytes
 from pvg.asset.checking import PLACES, Reach, check_chunk, check_keys, check_manifest, entry_limit
 from pvg.asset.records import FaceRecord
@@ -41,7 +41,7 @@ class AssetWriter:
 
     def __enter__(self) -> Self:
         try:
-            self._temporary.touch(0o666, exist_ok=False)  # less what the umask takes
+            begin_draft(self._temporary, self.path)
             self._zip = zipfile.ZipFile(self._temporary, "w", zipfile.ZIP_DEFLATED)
         except BaseException:  # a signal, too, that comes as soon as the file is there
             self._temporary.unlink(missing_ok=True)

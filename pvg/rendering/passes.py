@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol, TypeVar
 
 from pvg._allocator import give_back, map_large_blocks
-from pvg._targets import draft_of
+from pvg._targets import begin_draft, draft_of
 from pvg._threads import Sink, ahead
 from pvg.asset import VectorVideo
 from pvg.looks import Look
@@ -46,6 +46,9 @@ def drafts_of(targets: Sequence[Target]) -> Iterator[list[Target]]:
     """
     drafts = [draft_of(target) if isinstance(target, Path) else target for target in targets]
     try:
+        for draft, target in zip(drafts, targets, strict=True):
+            if isinstance(draft, Path) and isinstance(target, Path):
+                begin_draft(draft, target)
         yield drafts
         for draft, target in zip(drafts, targets, strict=True):
             if isinstance(draft, Path) and isinstance(target, Path):

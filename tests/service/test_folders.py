@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import stat
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,35 +14,31 @@ from service.folders import private_folder
 from service.queue import make_folders
 from service.settings import Settings
 from service.storage import Kind
+from tests.folders import permissions, umask_of
 from tests.service.fixtures import PNG, Api
 from tests.worker.serving import running_service
 
 
 @pytest.fixture(autouse=True)
 def usual_umask() -> Iterator[None]:
-    before = os.umask(0o022)
-    yield
-    os.umask(before)
-
-
-def mode(path: Path) -> int:
-    return stat.S_IMODE(path.stat().st_mode)
+    with umask_of(0o022):
+        yield
 
 
 def open_to_others(folder: Path) -> list[str]:
     found: list[str] = []
     for path in (folder, *folder.rglob("*")):
         with suppress(FileNotFoundError):  # a running service removes files
-            found += [str(path)] if mode(path) & 0o077 else []
+            found += [str(path)] if permissions(path) & 0o077 else []
     return found
 
 
 def test_a_new_folder_is_closed_and_so_is_what_is_written_later(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "a" / "data")
     make_folders(settings)
-    assert mode(settings.folder) == 0o700
+    assert permissions(settings.folder) == 0o700
     (settings.spool_folder / "draft").write_bytes(b"face")
-    assert mode(settings.spool_folder / "draft") == 0o600
+    assert permissions(settings.spool_folder / "draft") == 0o600
     assert open_to_others(settings.folder) == []
 
 
@@ -55,12 +50,12 @@ def test_an_open_folder_of_ours_is_closed_with_what_we_keep_in_it(tmp_path: Path
     for name in (*ours, "somebody's.txt"):
         (folder / name).write_bytes(b"x")
     (folder / "blobs" / "link").symlink_to("/etc/hostname")
-    before = mode(Path("/etc/hostname"))
+    before = permissions(Path("/etc/hostname"))
     private_folder(folder)
-    assert mode(folder) == 0o700
-    assert {mode(folder / name) for name in ours} == {0o600}
-    assert mode(folder / "somebody's.txt") == 0o644
-    assert mode(Path("/etc/hostname")) == before
+    assert permissions(folder) == 0o700
+    assert {permissions(folder / name) for name in ours} == {0o600}
+    assert permissions(folder / "somebody's.txt") == 0o644
+    assert permissions(Path("/etc/hostname")) == before
 
 
 def test_blobs_of_every_kind_are_closed(tmp_path: Path) -> None:
@@ -79,7 +74,7 @@ def test_a_folder_meant_for_all_is_refused(tmp_path: Path) -> None:
     folder.chmod(0o1777)
     with pytest.raises(PermissionError, match="choose a folder inside it"):
         private_folder(folder)
-    assert mode(folder) == 0o1777
+    assert permissions(folder) == 0o1777
     private_folder(folder / "data")
 
 
@@ -90,11 +85,11 @@ def test_a_folder_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="nothing of the service's"):
         make_folders(Settings(data_dir=folder))
     assert [path.name for path in folder.iterdir()] == ["www"]
-    assert mode(folder) == 0o755
+    assert permissions(folder) == 0o755
     (folder / "www").rename(folder / "lost+found")  # a disk of its own
     make_folders(Settings(data_dir=folder))
     make_folders(Settings(data_dir=folder))
-    assert mode(folder) == 0o700
+    assert permissions(folder) == 0o700
 
 
 @pytest.mark.parametrize("names", [("source", "docs"), ("source",), ("spool", "log"), ("pictures", "reserve")])
@@ -104,7 +99,7 @@ def test_a_folder_of_something_else_may_have_names_that_ours_have(tmp_path: Path
     (tmp_path / "srv").chmod(0o755)
     with pytest.raises(OSError, match="nothing of the service's"):
         private_folder(tmp_path / "srv")
-    assert mode(tmp_path / "srv") == 0o755
+    assert permissions(tmp_path / "srv") == 0o755
 
 
 @pytest.mark.parametrize(
@@ -115,7 +110,7 @@ def test_a_folder_that_a_service_on_a_server_has_left_open_is_taken(tmp_path: Pa
     for name in names:
         (tmp_path / "data" / name).mkdir(parents=True)
     private_folder(tmp_path / "data")
-    assert mode(tmp_path / "data") == 0o700
+    assert permissions(tmp_path / "data") == 0o700
 
 
 def test_a_folder_that_is_closed_already_or_has_a_log_is_taken(tmp_path: Path) -> None:
@@ -126,7 +121,7 @@ def test_a_folder_that_is_closed_already_or_has_a_log_is_taken(tmp_path: Path) -
     (logged / "service.log").touch()
     for folder in (closed, logged):
         make_folders(Settings(data_dir=folder))
-        assert mode(folder) == 0o700
+        assert permissions(folder) == 0o700
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")

@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Self
 
 import pytest
 
 import pvg
 from pvg.rendering import source_frame
-from pvg.rendering.passes import draw
+from pvg.rendering.passes import drafts_of, draw
 from pvg.video import Frame, Patch
+from tests.folders import permissions, umask_of
 
 
 class _Kept:
@@ -56,3 +58,15 @@ def test_each_of_several_passes_begins_with_what_others_freed(
     # a single pass has nothing before it
     assert mapped == [True] * (passes > 1)
     assert given_back == ([2 * k for k in range(passes)] if passes > 1 else [])
+
+
+def test_results_that_replace_private_ones_are_private_while_they_are_written_and_afterwards(tmp_path: Path) -> None:
+    former, new = tmp_path / "former.mp4", tmp_path / "new.mp4"
+    former.touch()
+    former.chmod(0o600)
+    with umask_of(0o022), drafts_of([former, new]) as drafts:
+        assert [permissions(draft) for draft in drafts] == [0o600, 0o644]
+        for draft in drafts:
+            draft.write_bytes(b"drawn")
+    assert [permissions(path) for path in (former, new)] == [0o600, 0o644]
+    assert sorted(tmp_path.iterdir()) == [former, new]

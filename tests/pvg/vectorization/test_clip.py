@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tempfile
 import threading
 import time
 import tracemalloc
@@ -16,6 +17,7 @@ from pvg.face import layout
 from pvg.landmarks import FaceTrack
 from pvg.video import read_image, write_image
 from scripts.samples import Samples
+from tests.folders import permissions, umask_of
 from tests.gallery.clips import cut_clip, encode_raw, libav_frame
 from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import resting_face
@@ -211,6 +213,22 @@ def test_an_abort_leaves_no_asset(brief_clip: Path, tmp_path: Path) -> None:
 
     with pytest.raises(CanceledError):
         pvg.vectorize(brief_clip, asset=tmp_path / "out.pvg", progress=cancel)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_temporary_asset_is_for_its_user_alone_from_its_first_byte_on(
+    brief_clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    met = set[int]()
+
+    def note(stage: str, done: int, total: int) -> None:
+        met.update(permissions(path) for path in tmp_path.iterdir())
+
+    with umask_of(0o022), pvg.vectorize(brief_clip, progress=note) as video:
+        note("", 0, 0)
+        assert video.path.parent == tmp_path
+    assert met == {0o600}
     assert list(tmp_path.iterdir()) == []
 
 
