@@ -1,8 +1,9 @@
 """Which job a worker takes: that of the key that has the fewest running, then of the one served longest ago.
 
-A message names a job of a key; when it is another key's turn, the worker takes the oldest job of that key and the
-message of the named one is due again. So a queued job always has a message of its own, and with one key, or without
-any, jobs are taken as their messages come. A key with a thousand queued jobs holds up another's by one job at most.
+A message names a job of a key; when it is another key's turn, or another job has waited longer, the worker takes the
+oldest job of the key whose turn it is, and the message of the named one is due again. So a queued job always has a
+message of its own, and the order of messages, which that changes, does not matter: the jobs of a key are taken as they
+were queued. A key with a thousand queued jobs holds up another's by one job at most.
 
 The parts of a job that is done in parts are taken in turn with the key's other jobs: that job goes first of which the
 fewest parts run, then the one that waits for the longest, where a job waits again from the end of each of its parts. So
@@ -24,7 +25,7 @@ from service.catalog.messages import Message
 from service.catalog.models import HELD, Job, JobState, PartKind
 from service.catalog.transitions import Lease, Step, take_step
 
-#: each try that fails is another worker's success
+#: each try that fails is the end of another job
 _TRIES: Final = 100
 
 
@@ -41,29 +42,36 @@ def claim(session: Session, job_id: str, *, now: datetime, lease_s: float, token
 
     ``token``: of the lease; see `leases.claimed`.
     """
+    columns = (Job.queue, Job.owner, Job.kind, Job.parent_id)
+    query = select(*columns).where(Job.id == job_id, *_available())
+    if (named := session.execute(query).one_or_none()) is None:
+        return None
+    _await_turn(session, named.queue)
     for _ in range(_TRIES):
-        columns = (Job.queue, Job.owner, Job.kind, Job.parent_id)
-        named = session.execute(select(*columns).where(Job.id == job_id, *_available())).one_or_none()
+        named = session.execute(query).one_or_none()
         if named is None:
             return None
         queue, owner = named.queue, named.owner
         first = _next_owner(session, queue)
-        if first is not None and first != owner:
-            chosen = _first_of(session, queue, first)
-        elif named.kind == PartKind.PART:
-            chosen = _first_of(session, queue, owner, instead_of=(job_id, named.parent_id))
-        else:
-            chosen = job_id
+        # a part itself, where it is its job's turn: its message is at hand
+        part = (job_id, named.parent_id) if named.kind == PartKind.PART and first in (None, owner) else None
+        chosen = _first_of(session, queue, owner if first is None else first, instead_of=part)
         if chosen is not None and chosen != job_id:
             # in the order in which others lock them
             both = select(Job.id).where(Job.id.in_((chosen, job_id))).order_by(Job.id).with_for_update()
             session.execute(both).all()
         lease = leases.claim(session, chosen, now=now, lease_s=lease_s, token=token) if chosen is not None else None
         if lease is None:
-            continue  # another worker took it in between
+            continue  # it was canceled or expired in between
         due = chosen != job_id and take_step(session, Step.DEFER, job_id, now=now, values={"published_at": None})
         return Taken(lease, Message(job_id, queue) if due else None)
     return None
+
+
+def _await_turn(session: Session, queue: str) -> None:
+    """Let those who take a job of this queue do so one at a time: at once they would all choose the same one."""
+    if session.get_bind().dialect.name != "sqlite":  # which has one writer anyway
+        session.execute(select(func.pg_advisory_xact_lock(func.hashtext(f"claims of {queue}"))))
 
 
 def _available() -> tuple[ColumnElement[bool], ...]:

@@ -249,8 +249,10 @@ def _needs(state: MediaState) -> ColumnElement[bool]:
 _FAILS: Final = _needs(MediaState.FAILED)
 _IS_READY: Final = and_(~_FAILS, ~_needs(MediaState.VECTORIZING))
 #: the waiting jobs for which nothing is made any more: whether a medium of theirs has failed
-_DECIDED: Final = select(Job.id, Job.queue, Job.created_at, _FAILS.label("fails")).where(
-    Job.state == JobState.QUEUED, Job.waiting.is_(True), or_(_FAILS, _IS_READY)
+_DECIDED: Final = (
+    select(Job.id, Job.queue, Job.created_at, _FAILS.label("fails"))
+    .where(Job.state == JobState.QUEUED, Job.waiting.is_(True), or_(_FAILS, _IS_READY))
+    .order_by(Job.id)
 )
 
 
@@ -262,8 +264,8 @@ def _waited(since: datetime, now: datetime) -> dict[str, float]:
 def release(session: Session, *, now: datetime) -> list[Message]:
     """Release the waiting jobs whose media are all ready, and fail those with a failed medium.
 
-    Returns the released jobs, to be published. Run after a medium is done, and by the reaper. What another transaction
-    has locked is left to it, or to the next time.
+    Returns the released jobs, to be published, in the order in which they were asked for. Run after a medium is done,
+    and by the reaper. What another transaction has locked is left to it, or to the next time.
     """
     found = session.execute(_DECIDED).all()
     released: list[Message] = []

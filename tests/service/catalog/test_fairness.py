@@ -9,8 +9,9 @@ from service.catalog import Database, JobKind, VectorizeRequest, fairness, jobs,
 from service.catalog.fairness import Taken
 from service.catalog.models import Role
 from tests.promises import Drill
-from tests.service.fixtures import FakeClock, job_of
+from tests.service.fixtures import FakeClock, held_up, job_of
 from tests.side_by_side import at_once
+from tests.waiting import until
 
 MANY = 40
 
@@ -59,12 +60,34 @@ def owner_of(database: Database, turn: Taken | None) -> str:
     return job.owner
 
 
-def test_with_one_owner_jobs_go_as_their_messages_come(database: Database, clock: FakeClock) -> None:
-    ids = queue_jobs(database, "", 5)
-    worker = Worker(database, clock, deque([ids[3], ids[0], ids[0], ids[4]]))
+def test_an_owners_jobs_go_as_they_were_queued_whatever_the_order_of_messages(
+    database: Database, clock: FakeClock
+) -> None:
+    ids = queue_jobs(database, "", 4)
+    worker = Worker(database, clock, deque([ids[3], ids[0], ids[0], ids[2], ids[1]]))
+    taken = [worker.take() for _ in range(5)]
+    assert [turn and turn.lease.job_id for turn in taken] == [*ids, None]
+
+
+def test_messages_in_order_are_not_sent_again(database: Database, clock: FakeClock) -> None:
+    ids = queue_jobs(database, "", 4)
+    worker = Worker(database, clock, deque(ids))
     taken = [worker.take() for _ in range(4)]
-    assert [turn and turn.lease.job_id for turn in taken] == [ids[3], ids[0], ids[4], None]
-    assert all(turn is None or turn.deferred is None for turn in taken)
+    assert all(turn is not None and turn.deferred is None for turn in taken)
+
+
+def test_turns_of_several_keys_leave_each_keys_jobs_in_their_order(database: Database, clock: FakeClock) -> None:
+    """A message is sent again, behind all others, where it came in another key's turn: its job came last of its key."""
+    mine, others = queue_jobs(database, "key_a", 6), queue_jobs(database, "key_b", 4)
+    worker = Worker(database, clock, deque([*mine, *others]))
+    running, order = deque([worker.take(), worker.take()]), list[str]()
+    while running:
+        if (turn := running.popleft()) is not None:
+            order.append(turn.lease.job_id)
+            worker.finish(turn)
+            running.append(worker.take())
+    assert [job for job in order if job in mine] == mine
+    assert [job for job in order if job in others] == others
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -153,3 +176,29 @@ def test_workers_at_the_same_moment_take_each_job_once(database: Database, clock
     while (turn := Worker(database, clock, messages).take()) is not None:  # whose message was on its way at the end
         taken.append(turn.lease.job_id)
     assert sorted(taken) == sorted(ids)
+
+
+def test_workers_that_choose_at_the_same_moment_do_not_block_each_other(database: Database, clock: FakeClock) -> None:
+    """One that lost its choice kept the locks of that try while it took others: a deadlock on PostgreSQL."""
+    mine, (chosen,) = queue_jobs(database, "key_a", 2), queue_jobs(database, "key_b", 1)
+    running, first, last = mine[0], mine[1], queue_jobs(database, "key_a", 1)[0]
+    with database.write() as session:
+        assert leases.claim(session, running, now=clock(), lease_s=1000)
+    taken: dict[str, str | None] = {}
+
+    def take(named: str) -> None:
+        with database.write() as session:
+            turn = fairness.claim(session, named, now=clock(), lease_s=1000)
+        taken[named] = None if turn is None else turn.lease.job_id
+
+    threads = [threading.Thread(target=take, args=(named,)) for named in (last, first)]
+    with database.write() as session:
+        turn = fairness.claim(session, chosen, now=clock(), lease_s=1000)
+        assert turn is not None
+        for count, thread in enumerate(threads, 1):
+            thread.start()
+            until(lambda wanted=count: held_up(database) == wanted, 10)
+    for thread in threads:
+        thread.join()
+    assert turn.lease.job_id == chosen
+    assert taken == {last: first, first: None}

@@ -220,6 +220,19 @@ def test_the_time_in_the_queue_counts_from_the_last_attempt(database: Database, 
     assert job_of(database, job_id).state == "expired"
 
 
+def test_jobs_are_released_in_the_order_of_their_requests(database: Database, clock: FakeClock) -> None:
+    video = add_media(database)
+    ids = [add_transfer(database, video, video) for _ in range(4)]
+    with database.write() as session:  # written last, which PostgreSQL finds last
+        session.get_one(Job, ids[0]).fingerprint = "another"
+    lease = claim(database, video.job_id)
+    with database.write() as session:
+        announce(session, "asset/x")
+        media.finish(session, lease, Asset("asset/x", 1, {}, [], []), now=clock(), timings={})
+    with database.write() as session:
+        assert [message.job_id for message in jobs.release(session, now=clock())] == ids
+
+
 def test_the_time_in_the_queue_counts_from_the_release(database: Database, clock: FakeClock) -> None:
     video = add_media(database)
     job_id = add_transfer(database, video, video)
