@@ -59,15 +59,19 @@ def serve(lobby: int, ready: int, calls_name: str, *, nice: int) -> None:
 
 def missing() -> list[str]:
     """What of the confinement this machine cannot do, a line each: tried in a process that ends with it."""
+    with tempfile.TemporaryDirectory() as folder:  # which a confined process could not remove
+        return _missing(Path(folder))
+
+
+def _missing(folder: Path) -> list[str]:
+    """The same, with a folder to be confined to."""
     reading, writing = os.pipe()
     parent = os.getpid()
     pid = os.fork()
     if pid == 0:
-        lines = ["the attempt failed"]
         try:
-            with tempfile.TemporaryDirectory() as folder:
-                lines = confine(_PROBE_LIMITS, View((), Path(folder)), parent=parent)
-                os.write(writing, json.dumps(lines).encode())
+            lines = confine(_PROBE_LIMITS, View((), folder), parent=parent)
+            os.write(writing, json.dumps(lines).encode())
         finally:
             os._exit(0)
     os.close(writing)

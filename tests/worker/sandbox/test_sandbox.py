@@ -9,6 +9,7 @@ import platform
 import re
 import socket
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -106,6 +107,13 @@ def test_what_a_machine_lacks_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = fork_server.missing()
     assert any("Landlock" in line for line in lines), lines
     assert any("s390x" in line for line in lines), lines
+
+
+def test_to_ask_what_a_machine_lacks_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every start of a worker asks, and `/tmp` of its container has a bound."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    fork_server.missing()
+    assert list(tmp_path.iterdir()) == []
 
 
 #: which headers of before Linux 6.6, 6.8, 6.13, 6.15 and 6.17 lack: the same on all processors
