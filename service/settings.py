@@ -5,15 +5,16 @@ from __future__ import annotations
 import difflib
 import ipaddress
 import os
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from pydantic import AfterValidator, Field, SecretStr, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, SecretStr, ValidationInfo, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from service import setting_values as values
 
 GIB = 1024**3
 DAY_S = 86_400
@@ -31,50 +32,8 @@ _STORE_SECRETS: Final = ("access_key_id", "secret_access_key", "session_token")
 #: variables of the same prefix that are read elsewhere: by the library, from `serve` to its worker, by the tests
 _READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVERS", "PVG_TEST_DATABASE_URL")
 _MIN_SECRET: Final = 32
-#: pages have no origin of these schemes: what is loaded by them has `null`, if it is a page at all
-_NO_PAGES: Final = frozenset({"", "data", "file", "ftp", "javascript", "ws", "wss"})
-#: of a kind that is installed, with a port that is one; as SQLAlchemy reads it, which takes long to load
-_DATABASE_URL = re.compile(
-    r"(?:postgresql(?:\+psycopg)?|postgres|sqlite(?:\+pysqlite)?)://"
-    r"(?>(?:[^:/]*(?::[^@]*)?@)?)(?:\[[^\]/?]+\]|[^:/?\[\]]*)(?::\d+)?(?:[/?].*)?"
-)
-_LOG_LEVELS: Final = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
 #: names by which only this machine itself can mean this machine
 _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
-
-
-def _log_level(name: str) -> str:
-    """A level by the one name that Celery knows it by too. Raises `ValueError` for what is none."""
-    level = name.strip().upper()
-    level = {"WARN": "WARNING", "FATAL": "CRITICAL"}.get(level, level)
-    if level not in _LOG_LEVELS:
-        raise ValueError(f"{name!r} is none of {', '.join(_LOG_LEVELS)}")
-    return level
-
-
-def _broker_url(url: str) -> str:
-    """An address of Redis, or none. Raises `ValueError` for any other, which is not told: it may hold a password."""
-    if not url or url.startswith("filesystem://"):
-        return url
-    parts = urlsplit(url)
-    try:
-        is_one = parts.scheme in {"redis", "rediss"} and parts.hostname and (parts.port or True)
-        if parts.scheme == "redis+socket" and parts.path.strip("/"):  # of this machine, by the path of a socket
-            return url
-    except ValueError:  # its port is no number
-        is_one = False
-    if not is_one or not re.fullmatch(r"/?\d*", parts.path):
-        raise ValueError(
-            "it is not of the form redis://host:6379/0, or rediss:// for TLS, with the number of a database"
-        )
-    return url
-
-
-def _database_url(url: str) -> str:
-    """An address of a database that the service knows, or none. Raises `ValueError` for others, which are not told."""
-    if url and not _DATABASE_URL.fullmatch(url):
-        raise ValueError("it is not of the form postgresql://user:password@host:5432/name; without one it is SQLite")
-    return url
 
 
 class Settings(BaseSettings):
@@ -87,6 +46,7 @@ class Settings(BaseSettings):
         env_prefix=_PREFIX,
         extra="ignore",
         frozen=True,
+        allow_inf_nan=False,
         use_attribute_docstrings=True,
         hide_input_in_errors=True,  # addresses hold passwords
     )
@@ -98,20 +58,20 @@ class Settings(BaseSettings):
     """Port of the API."""
     allow_unauthenticated_network: bool = False
     """Allow an address other than loopback before there are keys; see "Who may connect"."""
-    root_path: Annotated[str, AfterValidator(lambda path: path.rstrip("/"))] = ""
+    root_path: Annotated[str, AfterValidator(values.root_path)] = ""
     """Path below which a proxy in front serves this service; the proxy removes it. None by default."""
 
     # whom the API answers: names of hosts, origins of other web pages that may write
-    allowed_hosts: str = ""
+    allowed_hosts: Annotated[str, AfterValidator(values.host_names)] = ""
     """Host names, besides those of loopback, by which the service may be called, with commas; `*` allows any."""
-    allowed_origins: str = ""
+    allowed_origins: Annotated[str, AfterValidator(values.origins)] = ""
     """Origins of other sites whose pages may use the service, with commas, such as `https://studio.example`, or
     `capacitor://localhost` for the pages of an app."""
 
     # what it asks for itself: files by URL, receivers of webhooks
     allow_private_networks: bool = False
     """Allow files by URL and webhooks at addresses that are not public; for closed networks."""
-    allowed_networks: str = ""
+    allowed_networks: Annotated[str, AfterValidator(values.networks)] = ""
     """Networks that are not public but allowed for such URLs, with commas, such as `10.1.2.0/24,fd00:1:2::/64`. Every
     address of a host, IPv4 and IPv6, must be public or lie in one of them."""
     fetch_timeout_s: float = Field(default=3600.0, gt=0)
@@ -142,13 +102,13 @@ class Settings(BaseSettings):
     """When told to stop: time between reporting not ready and accepting no more connections."""
 
     # where data is kept
-    data_dir: Path = Path("var/data")
+    data_dir: Annotated[Path, BeforeValidator(values.folder)] = Path("var/data")
     """SQLite file, blobs, broker files and drafts, unless placed elsewhere."""
-    database_url: Annotated[str, AfterValidator(_database_url)] = ""
+    database_url: Annotated[str, AfterValidator(values.database_url)] = ""
     """`postgresql://user:password@host/name`. Without one, SQLite in the data folder."""
-    broker_url: Annotated[str, AfterValidator(_broker_url)] = ""
+    broker_url: Annotated[str, AfterValidator(values.broker_url)] = ""
     """`redis://host:6379/0`, of Valkey or Redis, `rediss://` with TLS. Without one, files in the data folder."""
-    storage_url: str = ""
+    storage_url: Annotated[str, AfterValidator(values.storage_url)] = ""
     """A folder, or `s3://bucket/prefix` (credentials from `AWS_*`). Without one, `blobs/` in the data folder."""
     broker_polling_interval_s: float = Field(default=0.2, gt=0)
     """How often the embedded broker looks for messages."""
@@ -267,8 +227,16 @@ class Settings(BaseSettings):
     metrics_token: SecretStr = SecretStr("")
     """Bearer token that Prometheus sends to read `/metrics`; see "Figures"."""
 
-    log_level: Annotated[str, AfterValidator(_log_level)] = "INFO"
+    log_level: Annotated[str, AfterValidator(values.log_level)] = "INFO"
     """Lowest level that is logged: `DEBUG`, `INFO`, `WARNING`, `ERROR`, `CRITICAL`."""
+
+    @field_validator("*")
+    @classmethod
+    def _check_time(cls, value: object, info: ValidationInfo) -> object:
+        """What times are counted from must be a date still."""
+        if (info.field_name or "").endswith("_s") and isinstance(value, float) and value > values.LONGEST_S:
+            raise ValueError(f"at most {values.LONGEST_S} seconds (100 years)")
+        return value
 
     @model_validator(mode="before")
     @classmethod
@@ -287,21 +255,12 @@ class Settings(BaseSettings):
             raise ValueError("job_hard_limit_s must be longer than job_soft_limit_s")
         if 0 < len(self.link_secret.get_secret_value()) < _MIN_SECRET:
             raise ValueError(f"link_secret must have at least {_MIN_SECRET} characters")
-        for origin in self.origins:
-            parts = urlsplit(origin)
-            if parts.scheme in _NO_PAGES or origin != f"{parts.scheme}://{parts.netloc}" or not parts.netloc:
-                raise ValueError(f"allowed_origins: {origin} is not an origin, such as https://studio.example")
-        for network in _listed(self.allowed_networks):
-            try:
-                ipaddress.ip_network(network)
-            except ValueError as error:
-                raise ValueError(f"allowed_networks: {network} is not a network, such as 10.1.2.0/24") from error
         return self
 
     @property
     def networks(self) -> tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]:
         """Networks that are not public and that URLs of others may lead to all the same."""
-        return tuple(ipaddress.ip_network(network) for network in _listed(self.allowed_networks))
+        return tuple(ipaddress.ip_network(network) for network in values.listed(self.allowed_networks))
 
     @property
     def worker_stop_limit_s(self) -> float:
@@ -353,7 +312,7 @@ class Settings(BaseSettings):
     @property
     def host_names(self) -> frozenset[str] | None:
         """The names that a request's Host may have, in lower case and without ports; None when it may be any."""
-        given = _listed(self.allowed_hosts)
+        given = values.listed(self.allowed_hosts)
         if "*" in given:
             return None
         # the address listened at is no secret name: a page cannot make a name resolve to an address in its URL
@@ -363,7 +322,7 @@ class Settings(BaseSettings):
     @property
     def origins(self) -> frozenset[str]:
         """The origins of other sites whose pages may write, such as ``https://studio.example``."""
-        return frozenset(origin.lower().rstrip("/") for origin in _listed(self.allowed_origins))
+        return frozenset(origin.lower().rstrip("/") for origin in values.listed(self.allowed_origins))
 
     @property
     def uses_broker_of_files(self) -> bool:
@@ -379,10 +338,6 @@ class Settings(BaseSettings):
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return False
-
-
-def _listed(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def store_secrets(environment: Mapping[str, str]) -> dict[str, str]:

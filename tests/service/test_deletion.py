@@ -402,8 +402,8 @@ def test_a_young_draft_stays_on_a_machine_whose_clock_is_behind_the_databases(
     assert path.exists()
 
 
-def test_a_copy_of_a_remote_blob_carries_its_job(tmp_path: Path) -> None:
-    storage = Storage(Settings(data_dir=tmp_path, storage_url="memory:///"))
+def test_a_copy_of_a_remote_blob_carries_its_job(tmp_path: Path, bucket: S3) -> None:
+    storage = Storage(Settings(data_dir=tmp_path, storage_url=bucket.storage_url))
     draft = storage.spool.draft()
     draft.write_bytes(b"a face")
     storage.put(draft, "asset/x")

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import re
 import time
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 from pydantic import SecretStr, ValidationError
 
 from scripts.settings_table import PAGE, with_table
+from service.catalog import utc_now
 from service.processes import worker_command
 from service.settings import FROM_FILES, Settings, check_names
 
@@ -128,6 +130,52 @@ def test_allowed_origins_are_origins(origins: str) -> None:
     assert Settings(allowed_origins="https://A.example:8443/ ,").origins == {"https://a.example:8443"}
     app = {"capacitor://localhost", "https://localhost"}  # its pages on one kind of phone and on the other
     assert Settings(allowed_origins=", ".join(app)).origins == app
+
+
+@pytest.mark.parametrize("setting", [name for name in Settings.model_fields if name.endswith("_s")])
+@pytest.mark.parametrize("given", ["inf", "1e400", "nan", "1e12"])
+def test_times_end_within_a_century(setting: str, given: str) -> None:
+    """What was counted from a longer one was no date: each upload, or each round of the reaper, failed."""
+    with pytest.raises(ValidationError, match=setting):
+        Settings.model_validate({setting: given})
+
+
+def test_a_century_is_still_a_time() -> None:
+    settings = Settings(media_ttl_s=3e9, collect_interval_s=1e9)
+    assert utc_now() + timedelta(seconds=settings.media_ttl_s) > utc_now()
+
+
+@pytest.mark.parametrize("url", ["gs://bucket/x", "https://s3.example/bucket", "s3:/bucket", "s3://", "S3://bucket"])
+def test_a_store_is_a_bucket_or_a_folder(url: str) -> None:
+    with pytest.raises(ValidationError, match="neither a folder nor of the form s3://bucket/prefix"):
+        Settings(storage_url=url)
+    for one in ("", "s3://bucket", "s3://bucket/a/b", "/srv/faces", "faces", "./a:b", "file:///srv/faces"):
+        assert Settings(storage_url=one).storage_url == one
+
+
+@pytest.mark.parametrize("path", ["faces", "https://a.example/faces", "/fa ces", "/faces?x", "//faces"])
+def test_a_root_path_begins_addresses(path: str) -> None:
+    with pytest.raises(ValidationError, match="is not a path such as /faces"):
+        Settings(root_path=path)
+    assert [Settings(root_path=one).root_path for one in ("/a/faces/", "/", "")] == ["/a/faces", "", ""]
+
+
+@pytest.mark.parametrize(
+    "names", ["https://faces.example", "a.example b.example", "a.example:8443", "a.example, *.b.example", "fä.example"]
+)
+def test_allowed_hosts_are_what_a_host_field_may_have(names: str) -> None:
+    with pytest.raises(ValidationError, match="is not the name of a host"):
+        Settings(allowed_hosts=names)
+    given = Settings(allowed_hosts="A.example, my_pod,10.0.3.7,[fd00::1],fd00::2,").host_names
+    assert given is not None
+    assert {"a.example", "my_pod", "10.0.3.7", "fd00::1", "fd00::2"} <= given
+
+
+def test_a_data_folder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty variable meant the folder in which the service was started."""
+    monkeypatch.setenv("PVG_DATA_DIR", "")
+    with pytest.raises(ValidationError, match="it names no folder"):
+        Settings()
 
 
 def test_every_variable_of_our_prefix_in_the_code_is_known() -> None:
