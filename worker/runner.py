@@ -94,6 +94,8 @@ class Runner:
         taken, job = claimed
         lease = taken.lease
         structlog.contextvars.bind_contextvars(job=job.id, kind=job.kind, attempt=job.attempt)
+        if job.media_id is not None:
+            structlog.contextvars.bind_contextvars(medium=job.media_id)
         if job.parent_id is not None:
             structlog.contextvars.bind_contextvars(part_of=job.parent_id)
         tracing.traceparent.set(job.traceparent)  # jobs that this one makes are of its trace

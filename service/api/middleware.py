@@ -77,6 +77,7 @@ class RequestContext:
             structlog.contextvars.bind_contextvars(trace_id=tracing.trace_id(trace))
         began = time.perf_counter()
         status = 0
+        answered: dict[str, str] = {}
         self._meters.begin()
 
         async def send_with_id(message: Message) -> None:
@@ -91,6 +92,7 @@ class RequestContext:
                     headers[name] = f"{value}, {headers[name]}" if name in headers else value
                 if "location" in headers:
                     headers["Location"] = relative(headers["Location"], self._root_path)
+                    answered["location"] = urlsplit(headers["Location"]).path  # a query may open what it leads to
             await send(message)
 
         try:
@@ -107,6 +109,7 @@ class RequestContext:
             path=scope["path"],
             status=status,
             ms=round((time.perf_counter() - began) * 1000, 1),
+            **answered,
         )
 
 

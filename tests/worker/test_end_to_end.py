@@ -82,6 +82,11 @@ def test_a_clip_is_recoloured_from_two_portraits(
     assert (ready["media"]["width"], ready["media"]["height"], ready["media"]["frame_count"]) == (640, 360, 24)
     assert len(ready["faces"]) == 1
 
+    # from a request to its job: the log of the API names what was made, that of the worker which job is about it
+    assert service.events("request", location=f"/v1/videos/{video['id']}", path="/videos")
+    assert [line["job"] for line in service.events("job begins", medium=video["id"])] == [video["job"]]
+    assert service.events("request", location=f"/v1/jobs/{job['id']}", path="/transfer")
+
     source = frames(clip)
     drawn = [download(service, look["result"], tmp_path / f"{i}.mp4") for i, look in enumerate(done["looks"])]
     first, second = (frames(path) for path in drawn)

@@ -32,6 +32,24 @@ def test_the_log_names_the_trace_of_a_request(api: Api) -> None:
     assert named == {"/v1/videos": TRACE, "/v1/references": None}
 
 
+def test_the_log_names_what_a_request_has_made_and_nothing_that_opens_it(api: Api) -> None:
+    head = {"Tus-Resumable": "1.0.0", "Upload-Length": "100"}
+    with structlog.testing.capture_logs(processors=[structlog.contextvars.merge_contextvars]) as lines:
+        video = api.client.post("/v1/videos", content=MP4).json()["id"]
+        link = api.client.post("/v1/uploads/link", json={}).json()
+        begun = api.client.post(link["url"], headers=head)
+        api.client.get(f"/v1/videos/{video}")
+        until(lambda: sum(line["event"] == "request" for line in lines) == 4)
+    assert "signature=" in begun.headers["Location"]
+    assert [line.get("location") for line in lines if line["event"] == "request"] == [
+        f"/v1/videos/{video}",
+        None,
+        f"/v1/uploads/{link['id']}",
+        None,
+    ]
+    assert "signature" not in str(lines)
+
+
 def test_a_request_without_one_gives_none_and_takes_none_over(api: Api) -> None:
     upload(api, "/videos")
     api.client.get("/v1/videos", headers=HEADER)
