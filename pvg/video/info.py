@@ -22,6 +22,7 @@ from pvg.video.reading import pictures
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, is_fragmented, sniff
 
 _RATE_TOLERANCE = 1.01  # stamps are rounded, and the clocks of cameras run fast or slow
+_HONEST = 0.9  # of a clip is within the length that its header says, at least
 _UNKNOWN_FRAMES = 0x3FFFFFFF  # the least of what muxers write in an AVI's header when they do not know yet
 
 
@@ -98,7 +99,7 @@ def probe(
         if strict:
             raise MediaError(f"{path.name} is cut short: its last block is damaged or not whole; upload it whole")
         info = _of_cut_file(path, info, limits, "its last block is damaged or not whole")
-    if info.frame_count == 0 or info.frame_rate is None:
+    if info.frame_count == 0 or info.frame_rate is None or info.duration_s == 0.0:
         info = _count_packets(path, info, limits)
     _check_totals(path.name, info, limits)
     return info
@@ -230,20 +231,35 @@ def _of_cut_file(path: Path, info: MediaInfo, limits: MediaLimits, why: str) -> 
     of = f" of {info.frame_count}" if info.frame_count > counted.frame_count else ""
     line = f"the file is cut short: {why}"
     line += f"; its first {counted.frame_count}{of} frames are read"
-    return replace(counted, duration_s=min(info.duration_s or seconds, seconds), warnings=(*info.warnings, line))
+    return replace(counted, duration_s=min(counted.duration_s or seconds, seconds), warnings=(*info.warnings, line))
 
 
 def _claims(clip: OpenClip) -> tuple[int, float]:
-    """The header's frames, less those that its edit list leaves out, and its seconds; 0 for what it does not say."""
+    """The header's frames, less those that its edit list leaves out, and its seconds; 0 for what it does not say.
+
+    Nor does it say how long the clip is where that would be over before the last frame begins.
+    """
     stream, entries, frames = clip.stream, clip.stream.index_entries, clip.stream.frames
     if frames and clip.container.format.name == "avi" and frames >= min(_UNKNOWN_FRAMES, clip.container.size):
         return 0, 0.0  # never finished, or written to a pipe; libav guesses the length from the claim
     if frames and len(entries) == frames:
         frames = sum(not entry.is_discard for entry in entries)
     length = float(stream.duration * clip.time_base) if stream.duration else 0.0
+    begun = [entry.timestamp for entry in entries if not entry.is_discard]
+    if begun and _is_over_before((max(begun) - min(begun)) * clip.time_base, len(begun) - 1, length):
+        return frames, 0.0
     if "matroska" in clip.container.format.name and (clip.container.start_time or 0) > 0:
         return frames, 0.0  # some writers count in what lies before the first packet, others do not
     return frames, length or (clip.container.duration or 0) / 1e6
+
+
+def _is_over_before(span: Fraction, steps: int, length: float) -> bool:
+    """Whether a clip of this length, seconds, is over long before its last frame begins.
+
+    span: seconds from the first frame to the last, in so many steps. Headers of honest files are off by a frame, and an
+    index has the frames in the order in which they are decoded, which begins earlier than they are shown.
+    """
+    return steps > 0 and length + span / steps < _HONEST * span
 
 
 def _audio_codec(clip: OpenClip) -> str | None:
@@ -254,16 +270,22 @@ def _audio_codec(clip: OpenClip) -> str | None:
 
 
 def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInfo:
-    """The clip by its packets; it lasts as long as its header says, if that says so."""
+    """The clip by its packets; it lasts as long as its header says, if that says so and is not over before."""
     counted, seconds = _counted_packets(path, info, limits)
-    return replace(counted, duration_s=info.duration_s or seconds)
+    return replace(counted, duration_s=counted.duration_s or seconds)
 
 
 def _counted_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> tuple[MediaInfo, float]:
-    """The clip with its frames and their rate by its packets, and the seconds from its first frame to its end."""
+    """The clip with its frames and their rate by its packets, and the seconds from its first frame to its end.
+
+    Its own `duration_s` is what the header says: the last frame may stand for long, and sound last longer. It is 0
+    where that would be over long before the last frame begins.
+    """
     packets, time_base = packet_stamps(path, limits)
     stamps = [pts for pts, _ in packets if pts is not None]
     span, steps = (max(stamps, default=0) - min(stamps, default=0)) * time_base, len(stamps) - 1
+    if _is_over_before(span, steps, info.duration_s):
+        info = replace(info, duration_s=0.0)
     rate, is_whole = info.frame_rate, len(stamps) == len(packets)
     even = even_rate_of(sorted(stamps), time_base, rate) if rate is not None and is_whole else None
     # with no length stated, a rate that leaves the stamps by more than a frame is not that of the whole clip

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -105,6 +106,53 @@ def test_a_recording_of_a_rate_that_changes_has_the_length_of_its_stamps(tmp_pat
     info = probe(path)
     assert (info.frame_count, info.frame_rate) == (10, 30)
     assert info.duration_s == pytest.approx(1 / 3, abs=0.001)
+
+
+_STAMPS = [0, 33, 67, 100, *range(300, 3000, 200)]
+_SPAN_S = 2.9
+
+
+def _lying_webm(seconds: float) -> bytes:
+    content = bytearray(_stamped_webm(_STAMPS, live=False))
+    at = content.index(b"\x44\x89\x88") + 3  # Duration, in milliseconds
+    content[at : at + 8] = struct.pack(">d", 1000 * seconds)
+    return bytes(content)
+
+
+def _lying_mp4(seconds: float) -> bytes:
+    written = io.BytesIO()
+    with av.open(written, "w", format="mp4") as output:
+        stream = output.add_stream("mpeg4", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for k, at in enumerate(_STAMPS):
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 4 * k, np.uint8), format="rgb24")
+            frame.pts, frame.time_base = at, Fraction(1, 1000)
+            output.mux(stream.encode(frame.reformat(format="yuv420p")))
+        output.mux(stream.encode(None))
+    content = bytearray(written.getvalue())
+    at = content.index(b"mdhd") + 16  # its time scale, and its length in that
+    scale = int.from_bytes(content[at : at + 4])
+    content[at + 4 : at + 8] = round(seconds * scale).to_bytes(4)
+    return bytes(content)
+
+
+@pytest.mark.parametrize("lying", [_lying_webm, _lying_mp4])
+def test_a_header_does_not_end_a_clip_before_its_last_frame(lying: Callable[[float], bytes], tmp_path: Path) -> None:
+    """Its seconds were counted as it said, and previews of what came later refused."""
+    path = tmp_path / "clip"
+    path.write_bytes(lying(0.5))
+    info = probe(path)
+    assert info.frame_count == len(_STAMPS)
+    assert info.duration_s == pytest.approx(_SPAN_S + _SPAN_S / 17, abs=0.02)
+    with pytest.raises(MediaError, match=r"lasts 3\.1 s; at most 2\.0 s"):
+        probe(path, MediaLimits(max_duration_s=2.0))
+
+
+def test_a_last_frame_may_stand_for_as_long_as_a_header_says(tmp_path: Path) -> None:
+    path = tmp_path / "still.webm"
+    path.write_bytes(_lying_webm(60.0))
+    assert probe(path).duration_s == 60.0
 
 
 class _Pipe:
