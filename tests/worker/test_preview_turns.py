@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import socket
+from pathlib import Path
+
+import structlog
+
 from service.catalog import Database, Media, Preview, StillRequest, previews
+from service.settings import Settings
 from tests.service.fixtures import FakeClock, add_media
+from tests.service.servers import free_port
+from worker.previews.previewer import Previewer
 from worker.previews.turns import Turns
+from worker.sandbox import Sandbox
 
 
 def ask(database: Database, video: Media, mark: str) -> str:
@@ -72,3 +81,12 @@ def test_what_nobody_waits_for_any_more_is_owed_nothing(database: Database, cloc
     late = ask(database, video, "c")
     assert turns.go_on() is None
     assert begun(turns.begin()).id == late
+
+
+def test_a_database_that_is_away_is_no_fault_of_a_picture(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", database_url=f"postgresql://pvg@127.0.0.1:{free_port()}/none")
+    with socket.socket() as lobby, structlog.testing.capture_logs() as lines:
+        Previewer(settings, Sandbox(lobby)).take_turn()
+    assert [(line["event"], line["log_level"]) for line in lines] == [
+        ("pictures are not made: what they need is away", "warning")
+    ]

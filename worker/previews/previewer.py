@@ -20,6 +20,7 @@ from service.catalog import Database, Preview, media, previews, still_request
 from service.catalog.previews import KEPT_S, Still
 from service.copying import file_sha256
 from service.ids import new_id
+from service.outages import is_outage, told
 from service.room import Room
 from service.settings import Settings
 from service.spool import Spool
@@ -57,7 +58,18 @@ class Previewer:
         self._database.close()
 
     def take_turn(self) -> None:
-        """Make the picture that is next, if somebody waits for one, and those whose turn was put off meanwhile."""
+        """Make the picture that is next, if somebody waits for one, and those whose turn was put off meanwhile.
+
+        While the database or the storage is away, nobody is told: who waits asks again.
+        """
+        try:
+            self._take_turn()
+        except Exception as error:
+            if not is_outage(error):
+                raise
+            log.warning("pictures are not made: what they need is away", **told(error))
+
+    def _take_turn(self) -> None:
         preview = self._turns.begin()
         while preview is not None:
             try:
