@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import stat
 from fnmatch import fnmatch
 from pathlib import Path
@@ -41,8 +42,13 @@ _OF_A_DISK: Final = {"lost+found"}
 
 
 def keep_to_ourselves() -> None:
-    """Whatever this process and its children create from now on is for their user alone: folders 0700, files 0600."""
+    """Whatever this process and its children create from now on is for their user alone: folders 0700, files 0600.
+
+    Where they crash the kernel leaves no core file, in which the faces would be that they worked on. Who looks for a
+    fault may raise the soft limit of the running process again (`prlimit --core`).
+    """
     os.umask(OTHERS)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
 
 
 def private_folder(folder: Path) -> None:

@@ -73,6 +73,13 @@ def folder(path: object) -> object:
     return path
 
 
+def address(host: str) -> str:
+    """Where to listen. An empty text would be all addresses, which nobody means who leaves a variable empty."""
+    if not host.strip():
+        raise ValueError("it names no address; 0.0.0.0 and :: stand for all")
+    return host
+
+
 def root_path(path: str) -> str:
     """A path as addresses begin with it, without a slash at its end; or none."""
     if not _ROOT_PATH.fullmatch(path):

@@ -52,7 +52,7 @@ class Settings(BaseSettings):
     )
 
     # where the API listens
-    host: str = "127.0.0.1"
+    host: Annotated[str, AfterValidator(values.address)] = "127.0.0.1"
     """Address of the API."""
     port: int = Field(default=8000, ge=0, le=65_535)
     """Port of the API."""
@@ -316,7 +316,7 @@ class Settings(BaseSettings):
         if "*" in given:
             return None
         # the address listened at is no secret name: a page cannot make a name resolve to an address in its URL
-        own = () if self.host in {"", "0.0.0.0", "::"} else (self.host,)  # noqa: S104 - compared, not bound
+        own = () if self.host in {"0.0.0.0", "::"} else (self.host,)  # noqa: S104 - compared, not bound
         return _LOOPBACK_NAMES | {name.lower().strip("[]") for name in (*given, *own)}
 
     @property

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import get_args
 
@@ -23,6 +24,17 @@ from tests.worker.serving import running_service
 def usual_umask() -> Iterator[None]:
     with umask_of(0o022):
         yield
+
+
+@contextmanager
+def cores_allowed() -> Iterator[None]:
+    """What is started meanwhile may leave a core file."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_CORE)
+    resource.setrlimit(resource.RLIMIT_CORE, (hard, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_CORE, (soft, hard))
 
 
 def open_to_others(folder: Path) -> list[str]:
@@ -152,13 +164,16 @@ def test_uploads_are_for_us_alone(api: Api) -> None:
 
 
 def test_every_process_of_the_service_keeps_to_itself(tmp_path: Path) -> None:
-    with running_service(tmp_path) as service:
+    with cores_allowed(), running_service(tmp_path) as service:
         medium = service.client.post("/references", content=PNG).json()
         assert service.finished(medium["job"])["state"] == "failed"
-        umasks = {}
+        umasks, cores = {}, {}
         for pid in service.processes():
             with suppress(FileNotFoundError, ProcessLookupError):  # that of the job ends
                 umasks[pid] = Path(f"/proc/{pid}/status").read_text().partition("Umask:\t")[2].split("\n")[0]
+                limits = Path(f"/proc/{pid}/limits").read_text()
+                cores[pid] = limits.partition("Max core file size")[2].split()[0]
         assert len(umasks) >= 4  # the API, the worker, its pool
         assert set(umasks.values()) == {"0077"}
+        assert set(cores.values()) == {"0"}
         assert open_to_others(service.data_dir) == []

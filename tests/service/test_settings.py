@@ -171,10 +171,11 @@ def test_allowed_hosts_are_what_a_host_field_may_have(names: str) -> None:
     assert {"a.example", "my_pod", "10.0.3.7", "fd00::1", "fd00::2"} <= given
 
 
-def test_a_data_folder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty variable meant the folder in which the service was started."""
-    monkeypatch.setenv("PVG_DATA_DIR", "")
-    with pytest.raises(ValidationError, match="it names no folder"):
+@pytest.mark.parametrize("variable", ["PVG_DATA_DIR", "PVG_HOST"])
+def test_what_is_needed_is_not_left_empty(variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It meant the folder in which the service was started, and all addresses of the machine."""
+    monkeypatch.setenv(variable, "")
+    with pytest.raises(ValidationError, match="it names no"):
         Settings()
 
 
