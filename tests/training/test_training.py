@@ -19,7 +19,7 @@ from tests.gallery.scenes import drawn_face
 from training.augmentation import as_it_is, augmented
 from training.example_files import load, save
 from training.examples import BODY_SIZE, KINDS, Example, body_examples_of, examples_of
-from training.masks import shares
+from training.masks import shares, with_cloth_like_skin
 from training.measuring import measured, predictor_of
 from training.pictures import HERE, training_pictures
 
@@ -135,3 +135,18 @@ def test_shares_of_regions_are_of_what_later_ones_leave() -> None:
     assert found["hair"] == pytest.approx(0.5, abs=0.02)
     assert found["background"] == pytest.approx(50 / 96, abs=0.02)
     assert "hand" not in found
+
+
+def test_cloth_is_given_the_skins_colour_and_keeps_its_folds() -> None:
+    square = np.array([[0, 0], [99, 0], [99, 99], [0, 99]], np.float32)
+    regions = (Region("face", 0, square * np.float32([1, 0.5])), Region("cloth", 0, square + np.array((100, 0), np.float32)))
+    label = Label("drawn", HERE, 0, (200, 100), regions)
+    rgb = np.full((100, 200, 3), 40, np.uint8)
+    rgb[:50, :100] = 200, 150, 120
+    rgb[:, 150:] = 60  # a fold
+    made = with_cloth_like_skin(rgb, label, 0.5)
+    np.testing.assert_allclose(made[50, 125], [84, 63, 50], atol=4)  # its middle shade lies between both
+    assert made[50, 175, 0] > made[50, 125, 0] + 15
+    np.testing.assert_array_equal(made[:, :90], rgb[:, :90])
+    bare = Label("drawn", HERE, 0, (200, 100), regions[:1])
+    np.testing.assert_array_equal(with_cloth_like_skin(rgb, bare, 0.5), rgb)
