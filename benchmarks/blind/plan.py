@@ -27,9 +27,9 @@ class Pair:
     place: float
 
     def frames(self, seen: Sequence[int]) -> list[int]:
-        """The frames shown, of those in which the face is seen."""
+        """The frames shown, of those in which the face is seen; a picture has one, also on a strip."""
         shares = np.linspace(*_STRIP_ENDS, STRIP_FRAMES) if self.strip else np.array([self.place])
-        return [seen[int(i)] for i in np.rint(shares * (len(seen) - 1))]
+        return list(dict.fromkeys(seen[int(i)] for i in np.rint(shares * (len(seen) - 1))))
 
 
 def plan_pairs(clips: Sequence[Path], portraits: Sequence[Path], count: int, seed: int) -> list[Pair]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import argparse
 from collections import Counter
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.key import OURS, RIVAL, KeyEntry, read_choices, read_key, write_key, write_template
+from benchmarks.blind.options import add_material, material_of
 from benchmarks.blind.plan import plan_pairs
 from benchmarks.blind.score import interval, judge, score, swapped
 from benchmarks.blind.sheets import SIZE, draw_sheet
@@ -41,6 +43,18 @@ def test_a_strip_is_spread_over_the_frames_with_a_face() -> None:
         frames = pair.frames(seen)
         assert frames == ([108, 136, 164, 192] if pair.strip else frames[:1])
         assert set(frames) <= set(seen)
+        assert pair.frames([7]) == [7]
+
+
+def test_clips_and_pictures_of_another_folder_are_all_taken(tmp_path: Path) -> None:
+    for name in ("b.png", "a.mp4", "c.jpg"):
+        (tmp_path / name).touch()
+    (tmp_path / "folder").mkdir()
+    parser = argparse.ArgumentParser()
+    add_material(parser, half="report", seed_of="nothing", folder="blind")
+    clips, portraits = material_of(parser.parse_args(["--clips-in", str(tmp_path)]))
+    assert [clip.name for clip in clips] == ["a.mp4", "b.png", "c.jpg"]
+    assert portraits == material_of(parser.parse_args([]))[1]
 
 
 def test_the_halves_share_nothing_and_odd_portraits_are_left_out() -> None:
