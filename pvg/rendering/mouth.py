@@ -38,9 +38,9 @@ from pvg.video import Frame
 # or 2.0 with black lifted]
 _APART, _BESIDE_SKIN = (0.048, 0.065), (2.0, 2.5)
 _ONE_SIGMA, _LEAST_SPREAD = 0.68, 0.005  # quantile, and tint: what has hardly any hue is off nothing
-# of how far lips are off the skin: what lips look like beside what lies around them [measured: 0.32 at least in the
-# frames of 15 clips without a hand, 0.05 at most on masks of five colours, a hand from 0.07]
-_OFF_AROUND = (0.1, 0.2)
+# of how far lips are off the skin: how far they look off what lies around them [measured: 0.29 at least in the frames
+# of 14 clips, 0.11 at most on masks of six colours, a hand from 0.06]
+_OFF_AROUND = (0.12, 0.22)
 _RING = 0.02  # of the face's width from the outline: the nearest that lies around lips [by eye]
 _FEW = 256  # of the key frame's skin that tell its spread
 _SHOWN = (0.0, 0.4)  # t from which lips begin, and are all lips: highlights on them are pale [by eye]
@@ -107,7 +107,7 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     off_tint = float(np.linalg.norm(apart[:2])) / max(float(np.linalg.norm(skin[:2])), 1e-3)
     outer, inner = (_inside((one - corner) / lattice.step - first, (rows, columns)) for one in (outline, opening))
     lips_shown = _whole(lips_shown, outer & ~inner, off_tint)
-    covered = _covered(tints / np.linalg.norm(apart), outer, inner, _RING * width / lattice.step)
+    covered = _covered(tints, float(np.linalg.norm(apart)), outer, inner, _RING * width / lattice.step)
     gap = float(np.linalg.norm(opening[2] - opening[6]))  # from the middle of the upper lip to that of the lower one
     is_open = gap > _OPEN * width
     if is_open and off_tint > _OTHER_TINT:
@@ -182,19 +182,19 @@ def _whole(shown: Floats, lips: Bools, off_tint: float) -> Floats:
     return np.asarray(np.maximum(shown, mostly * by_shade), np.float32)
 
 
-def _covered(tints: Floats, outer: Bools, inner: Bools, gap: float) -> float:
+def _covered(tints: Floats, apart: float, outer: Bools, inner: Bools, gap: float) -> float:
     """How far a mouth's outline shows what lies around it, in [0, 1].
 
-    tints: (h, w, 3), in lengths of what lips are off the skin;  outer, inner: (h, w) the nodes inside the lips'
-    outlines;  gap: nodes from the outline to the nearest that lies around it.
+    tints: (h, w, 3);  apart: how far lips are off the skin;  outer, inner: (h, w) the nodes inside the lips' outlines;
+    gap: nodes from the outline to the nearest that lies around it.
     """
-    lips = outer & ~inner
+    lips = (outer & ~inner).view(np.uint8)
     side = 2 * max(1, round(gap)) + 1
-    around = cv2.dilate(outer.astype(np.uint8), np.ones((side, side), np.uint8)) == 0
+    around = (cv2.dilate(outer.view(np.uint8), np.ones((side, side), np.uint8)) == 0).view(np.uint8)
     if not lips.any() or not around.any():
         return 0.0
-    off = np.median(tints[lips], axis=0) - np.median(tints[around], axis=0)
-    return 1.0 - ramp(float(np.linalg.norm(off)), *_OFF_AROUND)
+    off = np.subtract(cv2.mean(tints, lips), cv2.mean(tints, around))
+    return 1.0 - ramp(float(np.linalg.norm(off)) / apart, *_OFF_AROUND)
 
 
 def _crossing(skin: Floats, lips: Floats, outer: Bools, inner: Bools, finger: float) -> Floats | None:
