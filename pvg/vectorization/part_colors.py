@@ -35,7 +35,8 @@ _LIPS = PARTS.index("lips")
 def part_colors(picture: Picture, landmarks: Landmarks, matte: Matte) -> Floats:
     """(P, 3) float32 median colour of each of PARTS, 0-255 RGB, NaN where it is not seen.
 
-    Of two sides that are lit alike the mean counts, else the brighter one.
+    Of two sides that are lit alike the mean counts, else the brighter one. Lips are not seen where they look like what
+    is around them.
     """
     width = max(landmarks.axes.width, 1.0)
     step = max(1.0, width / _CELLS_A_WIDTH)
@@ -46,8 +47,9 @@ def part_colors(picture: Picture, landmarks: Landmarks, matte: Matte) -> Floats:
     rgb = picture.cells(raster)
     xs, ys = raster.centers()
     seen = (matte.alpha_at(xs.astype(np.float32), ys.astype(np.float32)) > 0.5) & raster.inside(picture.size)
-    colors = np.stack([_part_color(part, landmarks, rgb, seen, (float(xs[0]), float(ys[0])), step) for part in PARTS])
-    around = rgb[_around_lips(landmarks, (float(xs[0]), float(ys[0])), step, seen.shape) & seen].astype(np.float32)
+    origin = float(xs[0]), float(ys[0])
+    colors = np.stack([_part_color(part, landmarks, rgb, seen, origin, step) for part in PARTS])
+    around = rgb[_around_lips(landmarks, origin, step, seen.shape) & seen].astype(np.float32)
     if not len(around) or not shows_lips(colors) or _apart(colors[_LIPS][None], around) >= _AS_AROUND:
         return colors
     return _without_lips(colors)
