@@ -77,7 +77,7 @@ class Runner:
     def run(self, job_id: str) -> None:
         """Do a job if one can be claimed: a message may be late, repeated, or of a job that was canceled.
 
-        The job done is another one when it is another key's turn. Raises `StoppedError` when the worker is told to stop
+        The job done is another one when it is that one's turn. Raises `StoppedError` when the worker is told to stop
         before a job is claimed.
         """
         structlog.contextvars.clear_contextvars()  # of the job before

@@ -127,7 +127,7 @@ JOB_TRANSITIONS: Final = {
         Transition(Step.REAP_CANCELED, _CANCELING, _S.CANCELED, "its worker no longer answers", _C.LAPSED, _E.DROPPED),
         # steps of the worker
         Transition(Step.CLAIM, _QUEUED, _S.RUNNING, "a worker takes it", _C.NONE, _E.GRANTED, waiting=False),
-        Transition(Step.DEFER, _QUEUED, None, "its message was used for another key's job: one is due again"),
+        Transition(Step.DEFER, _QUEUED, None, "its message was used for another job: one is due again"),
         Transition(Step.RENEW, HELD, None, "its worker is alive", _C.HELD, _E.PROLONGED),
         Transition(Step.REPORT, HELD, None, "its worker reports progress", _C.HELD),
         Transition(Step.SUCCEED, _RUNNING, _S.SUCCEEDED, "its worker has done it", _C.HELD, _E.DROPPED),
