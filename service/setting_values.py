@@ -20,7 +20,10 @@ _DATABASE_URL = re.compile(
 _LOG_LEVELS: Final = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
 #: as a Host field has them, which is ASCII
 _HOST_NAME = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?")
-_ROOT_PATH = re.compile(r"(/[A-Za-z0-9._~%-]+)*/?")
+#: of what a path may have (RFC 3986, 3.3), but for what HTML would have to escape
+_ROOT_PATH = re.compile(r"(/[A-Za-z0-9._~%!$()*+,;=:@-]+)*/?")
+#: as the store of S3 reads them
+_BUCKETS: Final = ("s3://", "s3a://")
 
 
 def log_level(name: str) -> str:
@@ -59,9 +62,14 @@ def database_url(url: str) -> str:
 
 def storage_url(url: str) -> str:
     """A bucket, a folder, or none. Any other store would count as away for ever, and a mistyped one as a folder."""
-    scheme, colon, _ = url.partition(":")
-    is_folder = not colon or "/" in scheme or url.startswith("file:///")
-    if not is_folder and (scheme != "s3" or not urlsplit(url).netloc):
+    parts = urlsplit(url)
+    if parts.scheme == "file":  # of this machine (RFC 8089)
+        is_one = parts.netloc in {"", "localhost"} and parts.path.startswith("/")
+    elif url.startswith(_BUCKETS):
+        is_one = bool(parts.netloc)
+    else:
+        is_one = not parts.scheme
+    if not is_one:
         raise ValueError("it is neither a folder nor of the form s3://bucket/prefix")
     return url
 

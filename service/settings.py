@@ -234,7 +234,9 @@ class Settings(BaseSettings):
     @classmethod
     def _check_time(cls, value: object, info: ValidationInfo) -> object:
         """What times are counted from must be a date still."""
-        if (info.field_name or "").endswith("_s") and isinstance(value, float) and value > values.LONGEST_S:
+        name = info.field_name or ""
+        is_time = name.endswith("_s") and not name.endswith("_per_s")
+        if is_time and isinstance(value, float) and value > values.LONGEST_S:
             raise ValueError(f"at most {values.LONGEST_S} seconds (100 years)")
         return value
 
