@@ -9,6 +9,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
+import av
+
 from pvg.errors import MediaError, TooLargeError, TooLongError
 from pvg.video.blocks import Blocks, read_blocks
 from pvg.video.decoding import DecodingPlan, decoding_plan, has_alpha
@@ -86,8 +88,10 @@ def probe(
     with open_clip(path, limits) as clip:
         info = _probe_clip(clip, limits, input_color)
         claimed, size = max(claimed_bytes(path, kind), _last_sample(clip)), path.stat().st_size
-    if is_fragmented(path, kind):
-        info = replace(info, frame_count=0)
+        if is_fragmented(path, kind):
+            info = replace(info, frame_count=0)
+        elif _is_over_before_shown(clip, info.duration_s):
+            info = replace(info, duration_s=0.0)
     blocks = read_blocks(path) if kind == "matroska" else Blocks(size)
     if blocks.gap is not None:
         raise MediaError(f"{path.name} is damaged at byte {blocks.gap}: pictures may be missing; upload it again")
@@ -220,7 +224,7 @@ def _of_turn(decoding: DecodingPlan) -> tuple[str, ...]:
 
 def _last_sample(clip: OpenClip) -> int:
     """Where the last sample of an MP4's picture stream ends by its index; 0 for other containers."""
-    if "mp4" not in clip.container.format.name:
+    if not clip.is_mp4:
         return 0
     return max((entry.pos + entry.size for entry in clip.stream.index_entries), default=0)
 
@@ -242,10 +246,11 @@ def _claims(clip: OpenClip) -> tuple[int, float]:
     stream, entries, frames = clip.stream, clip.stream.index_entries, clip.stream.frames
     if frames and clip.container.format.name == "avi" and frames >= min(_UNKNOWN_FRAMES, clip.container.size):
         return 0, 0.0  # never finished, or written to a pipe; libav guesses the length from the claim
-    if frames and len(entries) == frames:
-        frames = sum(not entry.is_discard for entry in entries)
-    length = float(stream.duration * clip.time_base) if stream.duration else 0.0
     begun = [entry.timestamp for entry in entries if not entry.is_discard]
+    # that of MP4 has what several edits show of one frame as several
+    if frames and entries and (clip.is_mp4 or len(entries) == frames):
+        frames = len(begun)
+    length = float(stream.duration * clip.time_base) if stream.duration else 0.0
     if begun and _is_over_before((max(begun) - min(begun)) * clip.time_base, len(begun) - 1, length):
         return frames, 0.0
     if "matroska" in clip.container.format.name and (clip.container.start_time or 0) > 0:
@@ -260,6 +265,28 @@ def _is_over_before(span: Fraction, steps: int, length: float) -> bool:
     index has the frames in the order in which they are decoded, which begins earlier than they are shown.
     """
     return steps > 0 and length + span / steps < _HONEST * span
+
+
+def _is_over_before_shown(clip: OpenClip, length: float) -> bool:
+    """Whether an MP4 of this length is over long before its last frame is shown, by the packets from its last key on.
+
+    Its index does not tell: where frames are reordered, one that is shown late is decoded soon after those before it,
+    and muxers write a length that goes by that. Afterwards the clip is at its end.
+    """
+    stream = clip.stream
+    kept = [entry for entry in stream.index_entries if not entry.is_discard]
+    keys = [entry.timestamp for entry in kept if entry.is_keyframe]
+    if not (length and keys and stream.codec_context.has_b_frames and clip.is_mp4):
+        return False
+    try:
+        clip.container.seek(max(keys), stream=stream)
+        packets = clip.container.demux(stream)
+        last = max((one.pts for one in packets if one.pts is not None and not one.is_discard), default=None)
+    except av.error.FFmpegError:  # it is damaged, which is found by who reads all of it
+        return False
+    if last is None:
+        return False
+    return _is_over_before((last - (stream.start_time or 0)) * clip.time_base, len(kept) - 1, length)
 
 
 def _audio_codec(clip: OpenClip) -> str | None:

@@ -118,6 +118,11 @@ class OpenClip:
             self.decoder.flush_buffers()
 
     @property
+    def is_mp4(self) -> bool:
+        """Whether it is an MP4 or MOV, whose index is whole."""
+        return self.container.format.name == _DEMUXERS["mp4"]
+
+    @property
     def time_base(self) -> Fraction:
         """Seconds a tick."""
         return self.stream.time_base or Fraction(1, 1_000_000)

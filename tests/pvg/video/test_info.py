@@ -13,7 +13,7 @@ import pytest
 
 from pvg.errors import MediaError
 from pvg.video import MediaLimits, probe, read_frames, sha256_file
-from tests.gallery.clips import encode_raw, libav_frame
+from tests.gallery.clips import change_boxes, encode_raw, libav_frame
 from tests.gallery.pictures import colorful
 
 _FRAMES = 45
@@ -119,18 +119,23 @@ def _lying_webm(seconds: float) -> bytes:
     return bytes(content)
 
 
-def _lying_mp4(seconds: float) -> bytes:
+def _stamped_mp4(stamps_ms: Sequence[int], codec: str = "mpeg4", *, at_front: bool = False, **options: str) -> bytes:
+    """at_front: its index stands before its pictures."""
     written = io.BytesIO()
-    with av.open(written, "w", format="mp4") as output:
-        stream = output.add_stream("mpeg4", rate=30)
+    with av.open(written, "w", format="mp4", options={"moov_size": "9999"} if at_front else {}) as output:
+        stream = output.add_stream(codec, rate=30, options=options)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = Fraction(1, 1000)
-        for k, at in enumerate(_STAMPS):
+        for k, at in enumerate(stamps_ms):
             frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 4 * k, np.uint8), format="rgb24")
             frame.pts, frame.time_base = at, Fraction(1, 1000)
             output.mux(stream.encode(frame.reformat(format="yuv420p")))
         output.mux(stream.encode(None))
-    content = bytearray(written.getvalue())
+    return written.getvalue()
+
+
+def _lying_mp4(seconds: float) -> bytes:
+    content = bytearray(_stamped_mp4(_STAMPS))
     at = content.index(b"mdhd") + 16  # its time scale, and its length in that
     scale = int.from_bytes(content[at : at + 4])
     content[at + 4 : at + 8] = round(seconds * scale).to_bytes(4)
@@ -153,6 +158,51 @@ def test_a_last_frame_may_stand_for_as_long_as_a_header_says(tmp_path: Path) -> 
     path = tmp_path / "still.webm"
     path.write_bytes(_lying_webm(60.0))
     assert probe(path).duration_s == 60.0
+
+
+def test_a_last_frame_that_is_decoded_early_counts_where_it_is_shown(tmp_path: Path) -> None:
+    """Muxers write a length that goes by the order of decoding, in which the gap before it is not seen."""
+    path = tmp_path / "still.mp4"
+    path.write_bytes(_stamped_mp4([0, 40, 80, 120, 160, 8000], "libx264", bf="3"))
+    with av.open(str(path)) as clip:
+        (stream,) = clip.streams.video
+        assert stream.duration is not None
+        assert stream.time_base is not None
+        assert stream.duration * stream.time_base < 1
+    info = probe(path)
+    assert info.frame_count == 6
+    assert info.duration_s > 8
+
+
+def test_frames_of_several_edits_are_those_that_are_shown(tmp_path: Path) -> None:
+    """All of the media's were counted, and held to the limit."""
+    source = tmp_path / "edited.mp4"
+    source.write_bytes(_stamped_mp4(range(0, 24 * 40, 40)))
+
+    def twice(edits: bytes) -> bytes:
+        length, begin = struct.unpack_from(">Ii", edits, 8)
+        return struct.pack(">IIIiIIiI", 0, 2, length // 4, begin, 1 << 16, length // 4, begin, 1 << 16)
+
+    change_boxes(source, b"elst", twice)
+    shown = sum(1 for _ in read_frames(source))
+    assert shown == 12
+    assert probe(source, MediaLimits(max_frames=12)).frame_count == shown
+
+
+def test_an_mp4_whose_last_box_runs_to_its_end_is_cut_short_by_its_index(tmp_path: Path) -> None:
+    """No box says how many bytes there ought to be: it passed as whole, with all frames of its index."""
+    content = bytearray(_stamped_mp4(range(0, 24 * 40, 40), at_front=True))
+    at = content.index(b"mdat") - 4
+    content[at : at + 4] = bytes(4)
+    path = tmp_path / "clip.mp4"
+    path.write_bytes(content)
+    assert probe(path, strict=True).frame_count == 24
+    path.write_bytes(content[: (at + len(content)) // 2])
+    with pytest.raises(MediaError, match="is cut short"):
+        probe(path, strict=True)
+    info = probe(path)
+    assert 0 < info.frame_count == sum(1 for _ in read_frames(path)) < 24
+    assert "of 24 frames are read" in info.warnings[0]
 
 
 class _Pipe:
