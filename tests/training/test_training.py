@@ -139,7 +139,8 @@ def test_shares_of_regions_are_of_what_later_ones_leave() -> None:
 
 def test_cloth_is_given_the_skins_colour_and_keeps_its_folds() -> None:
     square = np.array([[0, 0], [99, 0], [99, 99], [0, 99]], np.float32)
-    regions = (Region("face", 0, square * np.float32([1, 0.5])), Region("cloth", 0, square + np.array((100, 0), np.float32)))
+    beside = square + np.array((100, 0), np.float32)
+    regions = (Region("face", 0, square * np.float32([1, 0.5])), Region("cloth", 0, beside))
     label = Label("drawn", HERE, 0, (200, 100), regions)
     rgb = np.full((100, 200, 3), 40, np.uint8)
     rgb[:50, :100] = 200, 150, 120
