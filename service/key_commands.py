@@ -11,9 +11,11 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from service.catalog import Key, keys, utc_now
+from service.catalog.belongings import Belongings
 from service.catalog.keys import Limits
 from service.catalog.migrations import has_table, migrate
-from service.command_line import current_settings, read_settings, refuse, with_records
+from service.command_line import CANNOT_START, current_settings, read_settings, refuse, with_records
+from service.erasure import open_erasure
 from service.queue import make_folders
 from service.settings import DAY_S, MAX_BYTES
 
@@ -103,7 +105,7 @@ def list_keys() -> None:
 
 @key_commands.command("revoke")
 def revoke_key(name: KeyName) -> None:
-    """End a key for good. What it owns stays until it expires, or until `assign` gives it to another key."""
+    """End a key for good. What it owns stays until it expires, or until `assign` or `erase`."""
     if not with_records(current_settings(), lambda session: keys.revoke(session, _key(session, name), now=utc_now())):
         typer.echo(f"{name} was revoked before", err=True)
 
@@ -164,6 +166,38 @@ def assign_to_key(
         typer.echo(f"{left} left, because {name} has the same bytes already", err=True)
 
 
+@key_commands.command("erase")
+def erase_key(
+    name: KeyName,
+    for_good: Annotated[
+        bool, typer.Option("--for-good", help="Delete it. Without this, the command only says what there is.")
+    ] = False,
+) -> None:
+    """Delete everything that a revoked key owns. The key's name and its counts by month stay."""
+    settings = current_settings()
+    owner = with_records(settings, lambda session: _revoked_key(session, name).id, write=False)
+    with open_erasure(settings) as erasure:
+        found = erasure.count(owner)
+        if not for_good:
+            refuse(f"{name} owns {_told(found)}. If all of that is to be deleted, add --for-good", CANNOT_START)
+        erasure.erase_records(owner)
+        gone, awaited = erasure.delete_files()
+        typer.echo(f"{_told(found)} deleted; {gone} file(s) removed", err=True)
+        if awaited:
+            refuse(f"the storage has not deleted {awaited} file(s) yet; run it again", CANNOT_START)
+        if left := erasure.count(owner):
+            refuse(f"{name} owns {_told(left)} still; run it again", CANNOT_START)
+
+
+def _told(found: Belongings) -> str:
+    """In words, what an owner has."""
+    return (
+        f"{found.media} video(s) and reference(s), {found.results} result(s), {found.jobs} job(s), "
+        f"{found.uploads} upload(s) in pieces, {found.deliveries} delivery(ies) of webhooks, "
+        f"{found.answers} kept answer(s) and {found.previews} preview(s)"
+    )
+
+
 def _key(session: Session, name: str) -> Key:
     return keys.by_name(session, name) or refuse(f"there is no key {name}")
 
@@ -171,3 +205,8 @@ def _key(session: Session, name: str) -> Key:
 def _active_key(session: Session, name: str) -> Key:
     key = _key(session, name)
     return refuse(f"{name} was revoked, for good; make another key") if key.revoked_at else key
+
+
+def _revoked_key(session: Session, name: str) -> Key:
+    key = _key(session, name)
+    return key if key.revoked_at else refuse(f"{name} is valid; `pvg-service keys revoke` ends it first")

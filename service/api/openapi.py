@@ -362,8 +362,8 @@ def _fields_of(status: int, method: str, operation: dict[str, Any], answer: dict
     content = answer.get("content", {})
     # a file is answered in ranges, and as what it is
     is_file = "range" in asks
-    # a key that ends while it waits has been counted
-    uncounted = {403, 408, 421} if "wait" in asks else {401, 403, 408, 421}
+    # a key that ends while it waits, or before what it sends is recorded, has been counted
+    uncounted = {403, 408, 421} if "wait" in asks or method in {"post", "patch"} else {401, 403, 408, 421}
     if any("key" in scheme for scheme in operation.get("security", [])) and status not in uncounted:
         names += ["RateLimit", "RateLimit-Policy"]
     if status < 300 and method == "post":

@@ -10,7 +10,7 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from service.catalog import Key, keys, resumable
-from service.errors import Limit, QuotaExceededError
+from service.errors import Limit, QuotaExceededError, UnauthorizedError
 
 #: of files that are announced and have not arrived, the same for every owner: nobody sends so many at a time
 MAX_OPEN_UPLOADS: Final = 1000
@@ -43,6 +43,18 @@ class Lately:
         return time.monotonic() - at < _LATELY_S and size_bytes <= most_bytes
 
 
+def lock_key(session: Session, owner: str) -> Key | None:
+    """The key of this owner, for whoever is about to record something of its own; see `service.catalog.keys.lock`.
+
+    Raises `UnauthorizedError` for one that was revoked since its request began: nothing of a revoked key is new, so
+    that all it has can be erased.
+    """
+    key = keys.lock(session, owner)
+    if key is not None and key.revoked_at is not None:
+        raise UnauthorizedError("this key was revoked meanwhile", invalid=True)
+    return key
+
+
 def check(
     session: Session,
     owner: str,
@@ -56,13 +68,13 @@ def check(
 ) -> None:
     """Raise `QuotaExceededError` when a key may not have so many more jobs, bytes or open uploads.
 
-    Without keys only the uploads are counted.
+    Without keys only the uploads are counted. With ``lock``, raises what `lock_key` raises, too.
 
     With ``lock`` the key is kept from others until the transaction ends, before any medium is, so that two requests
     cannot both have the last of it; without, the answer is a first one, for what only reads. With ``lately``, bytes
     that nobody wants more of are not counted again for a moment, in which jobs of before may make some.
     """
-    key = keys.lock(session, owner) if lock else keys.get(session, owner)
+    key = lock_key(session, owner) if lock else keys.get(session, owner)
     if uploads and resumable.count_open(session, owner, now=now) + uploads > MAX_OPEN_UPLOADS:
         detail = f"there may be {MAX_OPEN_UPLOADS} uploads that are not complete; complete some, or remove them"
         raise _exceeded("open-uploads", MAX_OPEN_UPLOADS, detail, _JOBS_RETRY_S)

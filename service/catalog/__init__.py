@@ -1,13 +1,14 @@
 """The records: media, jobs, looks and results in the database, and the state machines that keep them consistent.
 
 `jobs`, `parts`, `leases`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
-`statistics`, `ledger`, `sweep`, `set_back`, `tombstones`, `collecting`, `webhooks` and `workers` hold the operations,
-each on an open transaction of `Database`.
+`statistics`, `ledger`, `sweep`, `belongings`, `set_back`, `tombstones`, `collecting`, `webhooks` and `workers` hold the
+operations, each on an open transaction of `Database`.
 """
 
 from __future__ import annotations
 
 from service.catalog import (
+    belongings,
     collecting,
     fairness,
     forecast,
@@ -158,6 +159,7 @@ __all__ = [
     "UploadPart",
     "VectorSettings",
     "VectorizeRequest",
+    "belongings",
     "collecting",
     "content_type_of",
     "fairness",

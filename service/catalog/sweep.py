@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 from sqlalchemy import ColumnElement, delete, exists, select, union_all, update
 from sqlalchemy.orm import Session
 
-from service.catalog import idempotency, jobs, ledger, media, results, resumable, statistics, tombstones
+from service.catalog import idempotency, jobs, ledger, media, parts, results, resumable, statistics, tombstones
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import (
@@ -107,6 +107,27 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
 def expire_months(session: Session, *, now: datetime, keep_months: int) -> int:
     """Remove the counts of months past their retention, as the last step of a transaction. Returns their number."""
     return ledger.expire(session, now=now, keep_months=keep_months, limit=BATCH)
+
+
+def delete_medium(
+    session: Session, medium: Media, active: Sequence[str], *, now: datetime
+) -> tuple[list[str], list[Message]]:
+    """Delete a medium with everything derived from it, and end its unfinished jobs, which are ``active``.
+
+    Returns the blobs to delete, and the messages to take back, after the commit.
+    """
+    drawn, ended = revoke_jobs(session, active, now=now)
+    return media.delete(session, medium, now=now) + drawn, ended
+
+
+def revoke_jobs(session: Session, active: Sequence[str], *, now: datetime) -> tuple[list[str], list[Message]]:
+    """End unfinished jobs at once. Returns what their workers have drawn and are writing, and messages, as above."""
+    ended, drawn = parts.messages(session, active), parts.files_of(session, active)
+    drawn += tombstones.written_for(session, active)
+    for job_id in active:
+        jobs.revoke(session, job_id, now=now)
+    ended += [jobs.message_of(job) for job_id in active if (job := jobs.get(session, job_id))]
+    return drawn, ended
 
 
 def delete_job(session: Session, job_id: str, *, now: datetime) -> list[str]:

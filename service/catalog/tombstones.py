@@ -76,6 +76,12 @@ def due(session: Session, *, now: datetime, limit: int) -> list[str]:
     return list(session.scalars(query))
 
 
+def awaited(session: Session, *, now: datetime) -> list[str]:
+    """All blobs that are to be deleted, also those whose deletion has failed, or is made sure of once more, later."""
+    late = or_(Tombstone.due_at <= now, Tombstone.attempts > 0, _IS_ABANDONED)
+    return list(session.scalars(select(Tombstone.blob_key).where(late).order_by(Tombstone.blob_key)))
+
+
 def written_for(session: Session, job_ids: Collection[str]) -> list[str]:
     """The blobs that workers are writing for these jobs and their parts."""
     keys: list[str] = []

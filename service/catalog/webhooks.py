@@ -239,7 +239,7 @@ def secret(session: Session, owner: str, *, now: datetime) -> WebhookSecret:
             session.add(made)
     except IntegrityError:  # another process made it at the same time
         found = known_secret(session, owner)
-        assert found is not None, "secrets are never deleted"  # noqa: S101
+        assert found is not None, "secrets are deleted with all of a revoked key only"  # noqa: S101
         return found
     return made
 

@@ -21,7 +21,6 @@ from service.catalog import (
     OutputOptions,
     RenderRequest,
     jobs,
-    keys,
     media,
     results,
     webhooks,
@@ -62,7 +61,7 @@ def request_looks(
     with database.write() as session:
         now = database.now()
         # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
-        keys.lock(session, owner)
+        quotas.lock_key(session, owner)
         known = media.several(session, owner, {*places.values()}, lock=True)
         check(known, looks, output, places)
         if kind is JobKind.SWAP:

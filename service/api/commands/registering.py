@@ -29,7 +29,6 @@ from service.catalog import (
     Upload,
     VectorSettings,
     jobs,
-    keys,
     media,
     resumable,
     webhooks,
@@ -142,7 +141,7 @@ class _Arrival:
         """Answer with a medium that is known, and whether its file is that of ``key`` from now on, if it was lost."""
         services, asked, now = self.services, self.asked, self.services.database.now()
         with services.database.write() as session:
-            keys.lock(session, asked.owner)
+            quotas.lock_key(session, asked.owner)
             job = jobs.get(session, known.job_id, lock=True)  # before its medium, as its worker does
             found = self._find(session, lock=True)
             if found is None or (found.id, found.job_id) != (known.id, known.job_id):
@@ -174,7 +173,7 @@ class _Arrival:
         asked = self.asked
         if asked.upload is None:
             return
-        keys.lock(session, asked.owner)  # before anything else, as everywhere
+        quotas.lock_key(session, asked.owner)  # before anything else, as everywhere
         upload = resumable.get(session, asked.upload, owner=asked.owner, now=now, lock=True)
         if upload is None:
             raise NotFoundError(f"there is no upload {asked.upload} any more")

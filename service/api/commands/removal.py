@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
 
 import structlog
-from sqlalchemy.orm import Session
 
 from service.api import lookups
 from service.api.conditional import etag_of
@@ -14,7 +12,7 @@ from service.api.ranges import require_match
 from service.api.schemas import MediaBody
 from service.api.services import Services
 from service.api.views import media_body
-from service.catalog import ENDED, Media, Message, Role, jobs, keys, media, parts, sweep, tombstones
+from service.catalog import ENDED, Message, Role, jobs, keys, media, sweep
 from service.errors import ConflictError, NotFoundError
 
 log = structlog.get_logger(__name__)
@@ -50,19 +48,9 @@ def _remove(
             raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
         if if_match is not None:
             require_match(if_match, etag_of(media_body(found, services.settings).model_dump_json().encode()))
-        gone, ended = _delete(session, found, active, now=database.now())
+        gone, ended = sweep.delete_medium(session, found, active, now=database.now())
     services.publisher.withdraw(ended)
     return gone
-
-
-def _delete(session: Session, found: Media, active: Sequence[str], *, now: datetime) -> tuple[list[str], list[Message]]:
-    """Remove a medium whose unfinished jobs are ``active``. Returns the blobs and the messages that are to go."""
-    ended, drawn = parts.messages(session, active), parts.files_of(session, active)
-    drawn += tombstones.written_for(session, active)
-    for job_id in active:
-        jobs.revoke(session, job_id, now=now)
-    ended += [jobs.message_of(job) for job_id in active if (job := jobs.get(session, job_id))]
-    return media.delete(session, found, now=now) + drawn, ended
 
 
 async def remove_job(services: Services, owner: str, job_id: str, *, if_match: str | None) -> None:
@@ -120,7 +108,8 @@ def _take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> 
             # whoever asks for it, or uses it, counts its retention anew
             if found is None or found.expires_at != body.expires_at:
                 continue
-            blobs, ended = _delete(session, found, media.active_jobs(session, found.id), now=services.database.now())
+            active = media.active_jobs(session, found.id)
+            blobs, ended = sweep.delete_medium(session, found, active, now=services.database.now())
             gone += blobs
             messages += ended
     services.publisher.withdraw(messages)
