@@ -123,11 +123,11 @@ def test_an_asset_of_an_earlier_vectoriser_is_made_again_before_it_is_drawn(
     again = api.client.get(f"/videos/{video['id']}").json()["job"]
     assert run(again)["state"] == "succeeded"
     assert vectorizer() == VECTORIZER_VERSION
-    assert run(another)["state"] == "succeeded"
+    assert run(job_id)["state"] == "succeeded"
 
     # an earlier worker, which still runs beside this one, has made it again: it is drawn as it is, and not for ever
     made_earlier()
-    assert run(job_id)["state"] == "succeeded"
+    assert run(another)["state"] == "succeeded"
     assert run(transfer(0.5))["waiting_for"] == "media"
 
 
