@@ -11,10 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bools, Doubles, Floats, Reals
+from pvg._arrays import Bools, Bytes, Doubles, Floats, Reals
 from pvg._bilinear import read_grid
 from pvg._compiled import kernel
 
@@ -130,6 +131,17 @@ def sites(count: int, ratio: float) -> Floats:
 def fixed_point(polygon: Floats) -> NDArray[np.int32]:
     """Corners (n, 2) for OpenCV's drawing with `shift=SUBPIXEL_BITS`: sixteenths of a pixel."""
     return np.rint(polygon * (1 << SUBPIXEL_BITS)).astype(np.int32)
+
+
+def inside(polygon: Floats, shape: tuple[int, ...]) -> Bools:
+    """(h, w) the cells inside a polygon (n, 2) whose corners are cells' columns and rows, rounded to whole ones."""
+    drawn = np.zeros(shape, np.uint8)
+    return cv2.fillPoly(drawn, [np.rint(polygon).astype(np.int32)], 1) > 0
+
+
+def square(reach: float) -> Bytes:
+    """A kernel of OpenCV's morphology that reaches so many cells to each side, one at least."""
+    return np.ones((2 * max(1, round(reach)) + 1,) * 2, np.uint8)
 
 
 def first_reading(corner: float, step: float) -> float:

@@ -21,11 +21,11 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Floats
 from pvg.asset import FaceRecord
 from pvg.face import Landmarks, layout
 from pvg.looks import LookMap, SkinMap
-from pvg.raster import SUBPIXEL_BITS, fixed_point
+from pvg.raster import SUBPIXEL_BITS, fixed_point, square
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.rgb_planes import opponent_matrix
 from pvg.video import Frame, PixelFormat
@@ -133,8 +133,8 @@ class _Window:
     def _inside(self) -> Bools:
         """(r, c) what lies in the matte, holes and all, and not near its end."""
         hole, edge = _HOLE * self._width, max(_EDGE_PX, _EDGE * self._width)
-        filled = cv2.morphologyEx(self._in_matte.view(np.uint8), cv2.MORPH_CLOSE, _square(hole / self.apart))
-        return np.asarray(cv2.erode(filled, _square(edge / self.apart)), np.bool_)
+        filled = cv2.morphologyEx(self._in_matte.view(np.uint8), cv2.MORPH_CLOSE, square(hole / self.apart))
+        return np.asarray(cv2.erode(filled, square(edge / self.apart)), np.bool_)
 
     @cached_property
     def _lips(self) -> Bools:
@@ -144,7 +144,7 @@ class _Window:
         )
         lips = np.zeros(self._in_matte.shape, np.uint8)
         cv2.fillPoly(lips, [fixed_point(outline)], 1, shift=SUBPIXEL_BITS)
-        return np.asarray(cv2.dilate(lips, _square(_LIPS * self._width / self.apart)), np.bool_)
+        return np.asarray(cv2.dilate(lips, square(_LIPS * self._width / self.apart)), np.bool_)
 
     @cached_property
     def _codes(self) -> Floats:
@@ -159,8 +159,3 @@ class _Window:
             return codes
         opponent = np.einsum("pq,qrc->prc", opponent_matrix(form), codes)
         return np.ascontiguousarray(opponent + form.opponent.offset[:, None, None], np.float32)
-
-
-def _square(reach: float) -> Bytes:
-    """A kernel that reaches so many samples to each side, one at least."""
-    return np.ones((2 * max(1, round(reach)) + 1,) * 2, np.uint8)

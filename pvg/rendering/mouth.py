@@ -28,6 +28,7 @@ from pvg.asset import KeyFrame
 from pvg.face import PARTS, Landmarks, layout
 from pvg.looks import to_opponent
 from pvg.membrane import Lattice
+from pvg.raster import inside, square
 from pvg.rendering.coding import Coding
 from pvg.rendering.node_means import mean_codes
 from pvg.video import Frame
@@ -105,7 +106,7 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     lips_shown = smoothstep((tints - skin) @ apart / float(apart @ apart), *_SHOWN)
     crossing = None
     off_tint = float(np.linalg.norm(apart[:2])) / max(float(np.linalg.norm(skin[:2])), 1e-3)
-    outer, inner = (_inside((one - corner) / lattice.step - first, (rows, columns)) for one in (outline, opening))
+    outer, inner = (inside((one - corner) / lattice.step - first, (rows, columns)) for one in (outline, opening))
     lips_shown = _whole(lips_shown, outer & ~inner, off_tint)
     covered = _covered(tints, float(np.linalg.norm(apart)), outer, inner, _RING * width / lattice.step)
     gap = float(np.linalg.norm(opening[2] - opening[6]))  # from the middle of the upper lip to that of the lower one
@@ -163,12 +164,6 @@ def _on_lattice(part: Floats | None, here: tuple[slice, slice], lattice: Lattice
     return whole
 
 
-def _inside(outline: Floats, shape: tuple[int, int]) -> Bools:
-    """(h, w) the nodes inside an outline (n, 2) of x, y of nodes."""
-    drawn = np.zeros(shape, np.uint8)
-    return cv2.fillPoly(drawn, [np.rint(outline).astype(np.int32)], 1) > 0
-
-
 def _whole(shown: Floats, lips: Bools, off_tint: float) -> Floats:
     """(h, w) how far lips are shown, where they are told by their shade: all of them when most are.
 
@@ -189,8 +184,7 @@ def _covered(tints: Floats, apart: float, outer: Bools, inner: Bools, gap: float
     gap: nodes from the outline to the nearest that lies around it.
     """
     lips = (outer & ~inner).view(np.uint8)
-    side = 2 * max(1, round(gap)) + 1
-    around = (cv2.dilate(outer.view(np.uint8), np.ones((side, side), np.uint8)) == 0).view(np.uint8)
+    around = (cv2.dilate(outer.view(np.uint8), square(gap)) == 0).view(np.uint8)
     if not lips.any() or not around.any():
         return 0.0
     off = np.subtract(cv2.mean(tints, lips), cv2.mean(tints, around))

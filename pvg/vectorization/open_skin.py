@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import Landmarks, layout
 from pvg.picture import LUMA
+from pvg.raster import inside
 
 SAMPLES = 512
 _FEATURES = (
@@ -48,11 +49,10 @@ def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> tuple[Floats,
     """
     axes, points = landmarks.axes, landmarks.points
     h, w = rgb.shape[:2]
-    region = np.zeros((h, w), np.uint8)
-    cv2.fillPoly(region, [np.rint(landmarks.oval).astype(np.int32)], 1)
     reach = max(3, 2 * int(axes.width * _MARGIN) + 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
-    region = np.asarray(cv2.erode(region, kernel, borderValue=0), np.uint8)
+    oval = inside(landmarks.oval, (h, w)).view(np.uint8)
+    region = np.asarray(cv2.erode(oval, kernel, borderValue=0), np.uint8)
     features = np.zeros((h, w), np.uint8)
     for feature in _FEATURES:
         cv2.fillConvexPoly(features, cv2.convexHull(np.rint(points[feature]).astype(np.int32)), 1)

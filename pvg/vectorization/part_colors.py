@@ -12,7 +12,7 @@ import numpy as np
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import PARTS, Landmarks, add_cover, feather, layout, part_outlines
 from pvg.picture import Picture, median_lab
-from pvg.raster import Raster
+from pvg.raster import Raster, inside, square
 from pvg.skin import Matte
 
 _CELLS_A_WIDTH = 128.0
@@ -92,11 +92,9 @@ def _apart(one: Floats, other: Floats) -> float:
 def _around_lips(landmarks: Landmarks, origin: tuple[float, float], step: float, shape: tuple[int, int]) -> Bools:
     """(h, w) the cells around the lips;  origin, step: as for `_part_color`."""
     outline = (landmarks.points[layout.LIPS_OUTER] - np.array(origin, np.float32)) / np.float32(step)
-    lips = np.zeros(shape, np.uint8)
-    cv2.fillPoly(lips, [np.rint(outline).astype(np.int32)], 1)
-    near, far = (2 * max(1, round(reach * landmarks.axes.width / step)) + 1 for reach in _AROUND)
-    without, within = (cv2.dilate(lips, np.ones((side, side), np.uint8)) for side in (near, far))
-    return np.asarray(within > without)
+    lips = inside(outline, shape).view(np.uint8)
+    near, far = (cv2.dilate(lips, square(reach * landmarks.axes.width / step)) for reach in _AROUND)
+    return np.asarray(far > near)
 
 
 def _part_color(

@@ -53,6 +53,13 @@ def filled(shape: tuple[int, ...], *polygons: np.ndarray) -> np.ndarray:
     return out > 0
 
 
+def with_cloth(rgb: np.ndarray, landmarks: Landmarks, color: tuple[int, int, int]) -> np.ndarray:
+    """The picture (H, W, 3) with a mask of cloth over nose, mouth and chin."""
+    out = rgb.copy()
+    out[filled(rgb.shape, landmarks.points[[*range(3, 30), layout.NOSE_TIP]])] = color
+    return out
+
+
 def grown(mask: np.ndarray, side: int) -> np.ndarray:
     """A mask (H, W) grown by squares of `side` pixels."""
     return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0

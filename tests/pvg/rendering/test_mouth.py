@@ -15,7 +15,7 @@ from pvg.rendering.mouth import see_mouth
 from pvg.video import RGB24, PixelFormat
 from tests.gallery.assets import key_frame
 from tests.gallery.pictures import YUV444, frame_of
-from tests.gallery.scenes import filled
+from tests.gallery.scenes import filled, with_cloth
 
 SKIN, LIPS, PALE_LIPS = (190.0, 150.0, 130.0), (160.0, 95.0, 95.0), (150.0, 118.0, 108.0)
 HAND = (168.0, 131.0, 112.0)  # in its own shade
@@ -90,8 +90,8 @@ def test_a_mask_of_cloth_shows_neither_lips_nor_teeth(
 ) -> None:
     """It is put on after the key frame, which showed the lips."""
     picture, within = mouth(face, lips)
-    picture[filled(picture.shape, face.landmarks.points[[*range(3, 30), layout.NOSE_TIP]])] = cloth
-    seen = see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(lips), LATTICE)
+    masked = with_cloth(picture, face.landmarks, cloth)
+    seen = see_mouth(frame_of(masked, YUV444), face.landmarks, key_of(lips), LATTICE)
     assert seen.lips is not None
     assert seen.lips[within].max() < 0.05
     assert seen.skin is not None

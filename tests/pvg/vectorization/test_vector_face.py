@@ -15,7 +15,7 @@ from pvg.picture import as_picture
 from pvg.vectorization.shared_threads import SharedThreads
 from pvg.vectorization.stretch import KeyView, Stretch
 from pvg.vectorization.vector_face import VectorFace
-from tests.gallery.scenes import drawn_face, open_skin
+from tests.gallery.scenes import drawn_face, open_skin, with_cloth
 
 
 def base(array: np.ndarray) -> np.ndarray:
@@ -96,8 +96,7 @@ def test_lips_that_are_never_shown_are_no_part(tmp_path: Path) -> None:
 @pytest.mark.parametrize("cloth", [(150, 195, 225), (32, 32, 36), (235, 236, 238)], ids=["blue", "black", "white"])
 def test_a_mask_of_cloth_shows_no_lips(tmp_path: Path, cloth: tuple[int, int, int]) -> None:
     scene = drawn_face()
-    corners = scene.landmarks.points[[*range(3, 30), layout.NOSE_TIP]]
-    masked = cv2.fillPoly(scene.rgb.copy(), [np.rint(corners).astype(np.int32)], cloth)
+    masked = with_cloth(scene.rgb, scene.landmarks, cloth)
     (key,) = record_of([masked] * 20, scene.landmarks, tmp_path).key_frames
     assert len(key.skin)
     assert np.isnan(key.parts[PARTS.index("lips")]).all()

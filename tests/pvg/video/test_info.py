@@ -24,11 +24,17 @@ def test_the_digest_is_that_of_the_bytes(tmp_path: Path) -> None:
     assert sha256_file(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
-def _stamped_webm(stamps_ms: Sequence[int], *, live: bool) -> bytes:
-    """A WebM that states a rate of 30 frames a second, and where it is live no length."""
+_STAMPS = [0, 33, 67, 100, *range(300, 3000, 200)]
+_SPAN_S = 2.9
+
+
+def _stamped(
+    stamps_ms: Sequence[int], container: str, codec: str, muxing: dict[str, str], encoding: dict[str, str]
+) -> bytes:
+    """A clip of frames with these stamps, which states a rate of 30 frames a second;  muxing, encoding: options."""
     written = io.BytesIO()
-    with av.open(written, "w", format="webm", options={"live": "1"} if live else {}) as output:
-        stream = output.add_stream("libvpx-vp9", rate=30, options={"deadline": "realtime", "cpu-used": "8"})
+    with av.open(written, "w", format=container, options=muxing) as output:
+        stream = output.add_stream(codec, rate=30, options=encoding)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = Fraction(1, 1000)
         for k, at in enumerate(stamps_ms):
@@ -37,6 +43,17 @@ def _stamped_webm(stamps_ms: Sequence[int], *, live: bool) -> bytes:
             output.mux(stream.encode(frame.reformat(format="yuv420p")))
         output.mux(stream.encode(None))
     return written.getvalue()
+
+
+def _stamped_webm(stamps_ms: Sequence[int], *, live: bool) -> bytes:
+    """live: it states no length."""
+    fast = {"deadline": "realtime", "cpu-used": "8"}
+    return _stamped(stamps_ms, "webm", "libvpx-vp9", {"live": "1"} if live else {}, fast)
+
+
+def _stamped_mp4(stamps_ms: Sequence[int], codec: str = "mpeg4", *, at_front: bool = False, **options: str) -> bytes:
+    """at_front: its index stands before its pictures."""
+    return _stamped(stamps_ms, "mp4", codec, {"moov_size": "9999"} if at_front else {}, options)
 
 
 def recorded(*, live: bool) -> bytes:
@@ -98,7 +115,7 @@ def test_a_clip_in_fragments_has_the_frames_of_all_of_them(flags: str, tmp_path:
 def test_a_recording_of_a_rate_that_changes_has_the_length_of_its_stamps(tmp_path: Path) -> None:
     """It states the rate that it began with."""
     path = tmp_path / "slowing.webm"
-    path.write_bytes(_stamped_webm([0, 33, 67, 100, *range(300, 3000, 200)], live=True))
+    path.write_bytes(_stamped_webm(_STAMPS, live=True))
     info = probe(path)
     assert (info.frame_count, info.frame_rate) == (18, Fraction(17_000, 2900))
     assert info.duration_s == pytest.approx(2.9 + 2.9 / 17)
@@ -108,30 +125,11 @@ def test_a_recording_of_a_rate_that_changes_has_the_length_of_its_stamps(tmp_pat
     assert info.duration_s == pytest.approx(1 / 3, abs=0.001)
 
 
-_STAMPS = [0, 33, 67, 100, *range(300, 3000, 200)]
-_SPAN_S = 2.9
-
-
 def _lying_webm(seconds: float) -> bytes:
     content = bytearray(_stamped_webm(_STAMPS, live=False))
     at = content.index(b"\x44\x89\x88") + 3  # Duration, in milliseconds
     content[at : at + 8] = struct.pack(">d", 1000 * seconds)
     return bytes(content)
-
-
-def _stamped_mp4(stamps_ms: Sequence[int], codec: str = "mpeg4", *, at_front: bool = False, **options: str) -> bytes:
-    """at_front: its index stands before its pictures."""
-    written = io.BytesIO()
-    with av.open(written, "w", format="mp4", options={"moov_size": "9999"} if at_front else {}) as output:
-        stream = output.add_stream(codec, rate=30, options=options)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.codec_context.time_base = Fraction(1, 1000)
-        for k, at in enumerate(stamps_ms):
-            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 4 * k, np.uint8), format="rgb24")
-            frame.pts, frame.time_base = at, Fraction(1, 1000)
-            output.mux(stream.encode(frame.reformat(format="yuv420p")))
-        output.mux(stream.encode(None))
-    return written.getvalue()
 
 
 def _lying_mp4(seconds: float) -> bytes:
