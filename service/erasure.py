@@ -80,7 +80,7 @@ class Erasure:
         now. Raises the storage's error when that is away.
         """
         gone = sum(iter(self._blobs.sweep, 0))
-        self._database.forget()
+        self._database.forget(wholly=True)
         with self._database.read() as session:
             awaited = tombstones.awaited(session, now=self._database.now())
         return gone, sum(self._storage.exists(key) for key in awaited)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 import threading
+import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -15,7 +17,7 @@ from typing import Any, Final, cast
 
 from sqlalchemy import Connection, CursorResult, Engine, Executable, create_engine, event, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.engine.interfaces import DBAPIConnection, ExceptionContext
+from sqlalchemy.engine.interfaces import DBAPIConnection, DBAPICursor, ExceptionContext
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import ConnectionPoolEntry
@@ -37,6 +39,9 @@ _OF_SESSIONS: Final = {
 #: seconds to connect to a database server, and to get one of the connections that are open
 _CONNECT_S = 3
 _POOL_S = 5.0
+#: a file of SQLite is written anew after so many seconds, or so many times as long as that takes
+_REWRITE_S: Final = 3600.0
+_REWRITE_SHARE: Final = 1000
 #: values in one statement
 _BATCH: Final = 500
 #: steps before the commit, in `Session.info`
@@ -138,6 +143,7 @@ class Database:
         self._turn = _WritersTurn(url, lock_wait_s) if is_sqlite else nullcontext()
         self._lock_wait_s = lock_wait_s
         self._closed = False
+        self._rewrite_at = -math.inf
         event.listen(self._engine, "checkin", self._close_when_closed)
 
     @contextmanager
@@ -176,23 +182,40 @@ class Database:
         with self._engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 
-    def forget(self) -> None:
+    def forget(self, *, wholly: bool = False) -> None:
         """Remove what was deleted from the files of SQLite too; while others read or write, try again later.
 
-        The rows are overwritten in the database's file, but pages of before wait in its log until they are copied.
+        The rows are overwritten in the database's file, but pages of before wait in its log until they are copied: the
+        log is emptied. And where rows moved from page to page, SQLite leaves copies of them behind, which outlive the
+        rows: the file is written anew, ``wholly`` now, else when that is due.
         """
         if self._engine.dialect.name != "sqlite":
             return
         connection = self._engine.raw_connection()
         try:
             cursor = connection.cursor()
-            cursor.execute("PRAGMA busy_timeout=500")
             try:
-                cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            finally:  # the next one who has this connection waits for its turn as all do
-                cursor.execute(f"PRAGMA busy_timeout={round(self._lock_wait_s * 1000)}")
+                if wholly or time.monotonic() >= self._rewrite_at:
+                    self._rewrite(cursor)
+            finally:
+                self._empty_log(cursor)
         finally:
             connection.close()
+
+    def _empty_log(self, cursor: DBAPICursor) -> None:
+        cursor.execute("PRAGMA busy_timeout=500")
+        try:
+            cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        finally:  # the next one who has this connection waits for its turn as all do
+            cursor.execute(f"PRAGMA busy_timeout={round(self._lock_wait_s * 1000)}")
+
+    def _rewrite(self, cursor: DBAPICursor) -> None:
+        """Write the file anew, with what the tables hold and nothing else. Nobody else writes meanwhile."""
+        with self._turn:
+            began = time.monotonic()
+            cursor.execute("VACUUM")
+            took_s = time.monotonic() - began
+        self._rewrite_at = began + max(_REWRITE_S, _REWRITE_SHARE * took_s)
 
     def close(self) -> None:
         """Close every pooled connection, and those in use once they come back."""

@@ -69,7 +69,9 @@ def store(monkeypatch: pytest.MonkeyPatch) -> Iterator[ObjectStore]:
 
 
 @pytest.fixture(params=["folder", "s3"])
-def api(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Api]:
+def api(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Api]:
+    for name in ("_REWRITE_S", "_REWRITE_SHARE"):  # what a round does every hour is done in each
+        monkeypatch.setattr(f"service.catalog.database.{name}", 0)
     url = ""
     if request.param == "s3":
         url = request.getfixturevalue("bucket").storage_url
