@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import sqlite3
 import threading
 import time
@@ -15,6 +16,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final, cast
 
+import structlog
 from sqlalchemy import Connection, CursorResult, Engine, Executable, create_engine, event, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.engine.interfaces import DBAPIConnection, DBAPICursor, ExceptionContext
@@ -23,6 +25,8 @@ from sqlalchemy.orm import Session
 from sqlalchemy.pool import ConnectionPoolEntry
 
 from service.catalog.clock import Clock, ServerClock, utc_now
+
+log = structlog.get_logger(__name__)
 
 #: seconds that a writer waits for another one
 LOCK_WAIT_S = 15.0
@@ -42,6 +46,8 @@ _POOL_S = 5.0
 #: a file of SQLite is written anew after so many seconds, or so many times as long as that takes
 _REWRITE_S: Final = 3600.0
 _REWRITE_SHARE: Final = 1000
+#: what has to be free for that, in its own sizes: a copy and the log take one each
+_REWRITE_SIZES: Final = 3
 #: values in one statement
 _BATCH: Final = 500
 #: steps before the commit, in `Session.info`
@@ -195,7 +201,7 @@ class Database:
         try:
             cursor = connection.cursor()
             try:
-                if wholly or time.monotonic() >= self._rewrite_at:
+                if wholly or self._may_rewrite(cursor):
                     self._rewrite(cursor)
             finally:
                 self._empty_log(cursor)
@@ -209,11 +215,27 @@ class Database:
         finally:  # the next one who has this connection waits for its turn as all do
             cursor.execute(f"PRAGMA busy_timeout={round(self._lock_wait_s * 1000)}")
 
+    def _may_rewrite(self, cursor: DBAPICursor) -> bool:
+        """Writing the file anew is due. Where that would fill the disk it is put off, for others need it."""
+        if (now := time.monotonic()) < self._rewrite_at:
+            return False
+        cursor.execute("PRAGMA database_list")
+        file = Path(cursor.fetchall()[0][2])
+        size_bytes, free_bytes = file.stat().st_size, shutil.disk_usage(file).free
+        if free_bytes >= _REWRITE_SIZES * size_bytes:
+            return True
+        log.warning("no room to write the file of SQLite anew", size_bytes=size_bytes, free_bytes=free_bytes)
+        self._rewrite_at = now + _REWRITE_S
+        return False
+
     def _rewrite(self, cursor: DBAPICursor) -> None:
         """Write the file anew, with what the tables hold and nothing else. Nobody else writes meanwhile."""
         with self._turn:
             began = time.monotonic()
-            cursor.execute("VACUUM")
+            try:
+                cursor.execute("VACUUM")
+            except sqlite3.Error as error:  # who calls knows those of statements that are made of SQLAlchemy
+                raise OperationalError("VACUUM", None, error) from error
             took_s = time.monotonic() - began
         self._rewrite_at = began + max(_REWRITE_S, _REWRITE_SHARE * took_s)
 
@@ -256,6 +278,8 @@ def make_engine(url: str, *, lock_wait_s: float = LOCK_WAIT_S) -> Engine:
         pool_timeout=_POOL_S,
         hide_parameters=True,
     )
+    if parsed.database and parsed.database != ":memory:":
+        event.listen(engine, "first_connect", partial(_place_copies, Path(parsed.database).resolve().parent))
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
@@ -275,6 +299,21 @@ def _hide_row(context: ExceptionContext) -> None:
     for error in (context.original_exception, context.sqlalchemy_exception):
         if detail and error is not None:
             error.args = tuple(str(part).replace(detail, "hidden") for part in error.args)
+
+
+def _place_copies(folder: Path, connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:
+    """Have SQLite's temporary files beside its database.
+
+    The file as it is written anew is one, with all that the database holds: `/tmp` may be open to more people, lie on a
+    disk that is not encrypted, or have no room for it.
+    """
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA temp_store_directory")
+    # it is one for the whole process, and not to be set again beside those who use it
+    if cursor.fetchone() != (str(folder),):
+        quoted = str(folder).replace("'", "''")  # it takes no parameters
+        cursor.execute(f"PRAGMA temp_store_directory = '{quoted}'")
+    cursor.close()
 
 
 def _prepare_sqlite(connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:

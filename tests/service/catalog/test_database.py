@@ -1,15 +1,18 @@
 from __future__ import annotations
 
 import math
+import os
 import secrets
 import sqlite3
+from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import psycopg
 import pytest
 import structlog
 from sqlalchemy import delete, select, text
-from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+from sqlalchemy.exc import IntegrityError, OperationalError, SQLAlchemyError
 
 from service.catalog import Database, Media
 from service.catalog.database import _OF_SESSIONS
@@ -87,6 +90,89 @@ def test_no_copy_of_a_removed_row_stays_in_the_file_of_sqlite(
         database.close()
         content = b"".join(path.read_bytes() for path in tmp_path.glob(f"{number}.*"))
         assert [one for one in owners if one.encode() in content] == owners[1::2]
+
+
+def _fill(database: Database, megabytes: int) -> None:
+    numbers = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 1000 * :megabytes)"
+    with database.write() as session:
+        session.execute(text("CREATE TABLE filled (bytes BLOB)"))
+        session.execute(text(f"{numbers} INSERT INTO filled SELECT randomblob(1000) FROM n"), {"megabytes": megabytes})
+
+
+def _size(database: Database) -> int:
+    with database.read() as session:
+        return int(session.execute(text("PRAGMA page_count")).scalar_one())
+
+
+def test_the_file_of_sqlite_is_written_anew_beside_it_and_not_in_a_folder_for_all(tmp_path: Path) -> None:
+    """As a temporary file, of a name that is gone while it is written, so it is looked for among what is open."""
+    (tmp_path / "of its own").mkdir()
+    url = f"sqlite:///{tmp_path / 'of its own' / 'catalog.sqlite3'}"
+    make_tables(url)
+    database, places = Database(url), set[str]()
+    _fill(database, 8)
+
+    def look() -> int:
+        for one in Path("/proc/self/fd").iterdir():
+            with suppress(FileNotFoundError):
+                places.add(os.readlink(one))
+        return 0
+
+    with database.read() as session:  # the one connection of the pool
+        connection = session.connection().connection.driver_connection
+    assert isinstance(connection, sqlite3.Connection)
+    connection.set_progress_handler(look, 1000)
+    database.forget(wholly=True)
+    connection.set_progress_handler(None, 0)
+    database.close()
+    copies = {Path(place).parent for place in places if place.endswith(" (deleted)") and "etilqs_" in place}
+    assert copies == {tmp_path / "of its own"}
+
+
+def test_the_file_of_sqlite_is_not_written_anew_where_that_would_fill_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    url = f"sqlite:///{tmp_path / 'catalog.sqlite3'}"
+    make_tables(url)
+    database, steady_s = Database(url), 0.0
+    _fill(database, 2)
+    database.forget()  # the first time it is due
+    with database.write() as session:
+        session.execute(text("DELETE FROM filled"))
+    before, free = _size(database), 5_000_000
+    monkeypatch.setattr("service.catalog.database.time.monotonic", lambda: steady_s)
+    monkeypatch.setattr("service.catalog.database.shutil.disk_usage", lambda _: SimpleNamespace(free=free))
+    steady_s = 1e9
+    for _ in range(2):
+        database.forget()
+    assert _size(database) == before
+    assert caplog.text.count("no room to write the file of SQLite anew") == 1, "and not in each round"
+    free = 10_000_000
+    database.forget()
+    assert _size(database) == before, "it is looked again in an hour"
+    steady_s += 3600
+    database.forget()
+    assert _size(database) < before
+    database.close()
+
+
+def test_a_file_of_sqlite_that_cannot_be_written_anew_is_an_error_of_the_database(tmp_path: Path) -> None:
+    """So that a disk that fills meanwhile is told as such, by the reaper and by the commands."""
+    url = f"sqlite:///{tmp_path / 'catalog.sqlite3'}"
+    make_tables(url)
+    database = Database(url)
+    _fill(database, 2)
+    with sqlite3.connect(tmp_path / "catalog.sqlite3", isolation_level=None) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with database.read() as session:
+            connection = session.connection().connection.driver_connection
+        assert isinstance(connection, sqlite3.Connection)
+        connection.execute("PRAGMA busy_timeout = 10")
+        with pytest.raises(OperationalError) as raised:
+            database.forget(wholly=True)
+    other.close()
+    database.close()
+    assert is_outage(raised.value)
 
 
 def test_a_machine_that_is_lost_in_a_transaction_keeps_no_row_locked(
