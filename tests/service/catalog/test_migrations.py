@@ -29,11 +29,12 @@ from service.catalog import (
     ledger,
     media,
     results,
+    resumable,
     webhooks,
 )
 from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate, migrate_to
-from service.catalog.models import Base, WebhookSecret
+from service.catalog.models import Base, IdempotentRequest, Result, WebhookSecret
 from tests.service.catalog.test_ledger import ask, draw, ready
 from tests.service.catalog.test_parts import draw_all, split
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
@@ -376,3 +377,55 @@ def test_months_are_counted_from_the_records_there_are(database: Database, clock
         (_, first), *others = ledger.every(session)
     assert others == before[1:]
     assert (first.jobs, first.looks, first.frames, first.uploads) == ({"succeeded": 2}, 1, 0, 0)
+
+
+#: columns of what clients say, and of their secrets, wherever they are
+_SAID = ("filename", "said", "webhook", "url", "origin", "key", "secret", "former")
+
+
+def _say(database: Database, number: int) -> None:
+    """One row of each table that keeps what clients say, which is told by its mark."""
+    now, said = database.now(), f"mark-{number}"
+    medium = add_media(database, content=said.encode())
+    with database.write() as session:
+        session.execute(update(Media).where(Media.id == medium.id).values(filename=said))
+        webhooks.announce(session, session.get_one(Job, medium.job_id), f"https://{said}/", now=now)
+        resumable.create(
+            session,
+            *(Role.VIDEO, VectorSettings()),
+            owner="",
+            limit_bytes=1,
+            now=now,
+            ttl_s=1,
+            filename=said,
+            said=said,
+            webhook=said,
+        )
+        kept = {"locked_until": now, "expires_at": now}
+        session.add(IdempotentRequest(owner="", key=said, token=said, digest="", resource_id="", **kept))
+        session.add(WebhookSecret(owner=f"key_{number}", secret=said, former=said, created_at=now))
+        described = {"sha256": "", "size_bytes": 1, "content_type": "", "filename": said}
+        of = {"job_id": "", "position": 0, "video_id": "", "reference_id": ""}
+        session.add(Result(id=f"res_{number}", created_at=now, expires_at=now, **described, **of))
+
+
+def test_no_statistics_keep_what_clients_said_once_it_is_deleted(postgres_url: str, postgres_tables: str) -> None:
+    """PostgreSQL's statistics of a column hold its values, also those of rows that are gone."""
+    query = "SELECT tablename, attname FROM pg_stats WHERE coalesce(most_common_vals, histogram_bounds)::text ~ 'mark-'"
+    with fresh_database(postgres_url, postgres_tables) as url:
+        migrate_to(url, "0024")
+        database, engine = Database(url), make_engine(url)
+        for number in range(3):
+            _say(database, number)
+        with engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
+            connection.execute(text("ANALYZE"))
+            kept = set(rows(database, query))
+            assert {name for _, name in kept} == {*_SAID, "token"}
+            migrate(url)
+            connection.execute(text("ANALYZE"))
+            assert rows(database, query) == [("idempotent_requests", "token")], "of the test, which is no secret"
+            targets = "SELECT attname FROM pg_attribute JOIN pg_class c ON c.oid = attrelid WHERE relkind = 'r' AND "
+            ours = "relnamespace = 'public'::regnamespace AND attname = ANY(:said) AND attstattarget IS DISTINCT FROM 0"
+            assert connection.scalars(text(targets + ours), {"said": list(_SAID)}).all() == [], "of a newer table"
+        engine.dispose()
+        database.close()
