@@ -35,13 +35,16 @@ def configure(level: str) -> None:
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(number)
-    for name in ("uvicorn", "uvicorn.error", "celery", "kombu", "alembic"):
+    logging.captureWarnings(capture=True)  # as they are, they are several lines of text
+    for name in ("uvicorn", "uvicorn.error", "celery", "kombu", "alembic", "multiprocessing"):
         logger = logging.getLogger(name)
         logger.handlers.clear()
         logger.propagate = True
     # the request log is ours; the migration's own lines are noise
     logging.getLogger("uvicorn.access").disabled = True
     logging.getLogger("alembic").setLevel(logging.WARNING)
+    # that of Celery's pool: each step of each process
+    logging.getLogger("multiprocessing").setLevel(logging.WARNING)
     # addresses that others name may hold secrets
     for name in ("httpx", "httpcore"):
         logging.getLogger(name).setLevel(logging.WARNING)

@@ -13,6 +13,7 @@ from celery.signals import (
     worker_process_shutdown,
     worker_shutting_down,
 )
+from celery.utils.log import get_multiprocessing_logger
 
 from service.logs import configure
 from service.queue import celery_settings, make_folders
@@ -58,6 +59,7 @@ logging.getLogger("celery.worker.request").addFilter(stopping.is_no_loss)
 
 @setup_logging.connect  # type: ignore[untyped-decorator]
 def _set_up_logging(**_: object) -> None:
+    get_multiprocessing_logger()  # when it is first asked for, it gets a way of its own
     configure(settings.log_level)
 
 

@@ -45,6 +45,40 @@ def test_a_worker_says_as_json_that_it_loads_before_it_does(module: str, tmp_pat
     assert [(line["level"], line["logger"]) for line in lines] == [("info", "worker.sandbox.keeper")], done.stderr
 
 
+WARNED = """
+import runpy
+import warnings
+import billiard.util
+import celery.bin.celery
+from celery.signals import setup_logging
+
+def main():
+    warnings.warn("of the start")
+    setup_logging.send(sender=None)
+    billiard.util.error("a process of the pool has ended")
+
+celery.bin.celery.main = main
+runpy.run_module("{module}", run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("module", ["worker", "worker.previews"])
+def test_what_celery_and_its_pool_warn_of_is_json_too(module: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WARNED.format(module=module)],
+        env=os.environ | {"PVG_DATA_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    told = [(line["level"], line["event"]) for line in map(json.loads, done.stderr.splitlines())]
+    assert [level for level, _ in told] == ["warning", "error"][: len(told)], done.stderr
+    assert "UserWarning: of the start" in told[0][1]
+    # the one of previews has no processes
+    assert [event for _, event in told[1:]] == ["a process of the pool has ended"] * (module == "worker")
+
+
 def test_what_is_logged_before_a_job_is_claimed_names_no_job_of_before(monkeypatch: pytest.MonkeyPatch) -> None:
     def told_to_stop() -> None:
         raise stopping.StoppedError

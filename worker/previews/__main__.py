@@ -6,9 +6,11 @@ import sys
 
 from celery.bin.celery import main
 
+from service.logs import configure
 from worker.previews import app
 
 __all__ = ["app"]
 
 if __name__ == "__main__":
+    configure(app.settings.log_level)  # Celery warns of some things before it asks for that
     sys.exit(main())
