@@ -9,7 +9,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from functools import partial
 from itertools import islice
@@ -305,14 +305,15 @@ def _place_copies(folder: Path, connection: DBAPIConnection, _: ConnectionPoolEn
     """Have SQLite's temporary files beside its database.
 
     The file as it is written anew is one, with all that the database holds: `/tmp` may be open to more people, lie on a
-    disk that is not encrypted, or have no room for it.
+    disk that is not encrypted, or have no room for it. A folder that cannot be written is told by what writes there.
     """
     cursor = connection.cursor()
     cursor.execute("PRAGMA temp_store_directory")
     # it is one for the whole process, and not to be set again beside those who use it
     if cursor.fetchone() != (str(folder),):
         quoted = str(folder).replace("'", "''")  # it takes no parameters
-        cursor.execute(f"PRAGMA temp_store_directory = '{quoted}'")
+        with suppress(sqlite3.OperationalError):
+            cursor.execute(f"PRAGMA temp_store_directory = '{quoted}'")
     cursor.close()
 
 

@@ -129,6 +129,20 @@ def test_the_file_of_sqlite_is_written_anew_beside_it_and_not_in_a_folder_for_al
     assert copies == {tmp_path / "of its own"}
 
 
+def test_a_database_whose_folder_cannot_be_written_is_opened_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As it is before a disk becomes one that can only be read; SQLite refuses such a folder for its copies."""
+    url = f"sqlite:///{tmp_path / 'catalog.sqlite3'}"
+    make_tables(url)
+    with monkeypatch.context() as patch:
+        patch.setattr("service.catalog.database.Path.resolve", lambda _: Path("/proc/1/nowhere/catalog.sqlite3"))
+        database = Database(url)
+        assert _size(database)
+        database.forget(wholly=True)
+        database.close()
+
+
 def test_the_file_of_sqlite_is_not_written_anew_where_that_would_fill_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
