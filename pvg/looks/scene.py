@@ -12,13 +12,16 @@ Where the reference is darker there is an end to it, m: a face that is lit as it
 will. So there is where its skin has less chroma: rich skin in a warm room, made pale, is grey there.
 
     x' = x   up to k        x' = k + (m − k) (1 − exp(−(x − k) / (m − k)))   beyond
+
+As far as a scene does not bear another chroma, bright skin pales as it does in the clip: in a clip whose highlights
+burn out a reference's bright skin, with the chroma that the clip's has in its middle, would be orange around them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pvg._arrays import Floats, ramp
+from pvg._arrays import Doubles, Floats, ramp
 from pvg.looks.opponent import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
@@ -28,6 +31,8 @@ _DARKER = (0.12, 0.16)  # k and m, where it is darker [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
 _AS_RICH = (1.15, 0.85)  # of its own chroma over luma, from which to which a reference's counts as less, a line between
 _POORER = (0.08, 0.14)  # k and m, where the reference's skin has less of it [by blind choice]
+_BRIGHT = 0.85  # quantile of a skin's luma, from which on it is bright [by eye]
+_PALES = 0.6  # of how much more the clip's skin pales there than the reference's [by blind choice: rather than 0 or 1]
 
 
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
@@ -50,9 +55,20 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     poorer = ramp(rich / max(own_rich, 1e-6), *_AS_RICH)
     hue = poorer * _ending(off, *_POORER) + (1.0 - poorer) * off * _kept(off / _HUE)
     kept = 1.0 - share * (1.0 - hue / max(off, 1e-6))
-    luma, chroma = np.split(to_opponent(reference), [1], axis=1)
-    chroma = chroma - (1.0 - kept) * richer * luma
+    colors = to_opponent(reference)
+    (bright, pale), (_, own_pale) = _bright(colors), _bright(to_opponent(own))
+    pales = pale - own_pale - richer
+    luma, chroma = np.split(colors, [1], axis=1)
+    rise = _PALES * ramp(luma, goal[0], max(bright, goal[0] + 1.0))
+    chroma = chroma - (1.0 - kept) * (richer + rise * pales) * luma
     return np.asarray(np.clip(to_rgb(gain * np.hstack([luma, chroma])), 0.0, 255.0), np.float32)
+
+
+def _bright(colors: Doubles) -> tuple[float, Doubles]:
+    """Luma and (2,) chroma over luma of the bright part of colours (n, 3) of `to_opponent`."""
+    luma = colors[:, 0]
+    bright = colors[luma >= np.quantile(luma, _BRIGHT)]
+    return float(np.median(bright[:, 0])), np.median(bright[:, 1:] / np.maximum(bright[:, :1], 1.0), axis=0)
 
 
 def _kept(far: float) -> float:

@@ -24,6 +24,7 @@ from pvg.skin.body_colors import color_tables
 from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_small_holes, leave_out_hair
 from pvg.skin.collar import collar
 from pvg.skin.face_in_scene import FaceInScene
+from pvg.skin.highlights import fill_highlights
 from pvg.skin.in_time import SkinInTime, held, in_levels, moved, moved_layers, weight_of_before
 from pvg.skin.learning import LearnedSkin
 from pvg.skin.light import gain_back, gain_of, relit
@@ -120,6 +121,7 @@ class BodyTracker:
         of_face = face.alpha_at(*(np.asarray(v, np.float32) for v in scene.raster.centers()))
         fill_gaps(probability, of_face, asked.predicted, hair, head.size)
         fill_small_holes(probability, of_face, head.size)
+        fill_highlights(probability, of_face, seen, self._scale, gain)
         share = _owned(scene, landmarks, head)
         if share is not None:
             probability = np.asarray(probability * share, np.float32)

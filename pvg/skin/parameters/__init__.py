@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pvg.skin.parameters._range import Range
-from pvg.skin.parameters.body import BodyNumbers, CollarNumbers, RingNumbers
+from pvg.skin.parameters.body import BodyNumbers, CollarNumbers, HighlightNumbers, RingNumbers
 from pvg.skin.parameters.clip import ConsensusNumbers, OcclusionNumbers, TrackingNumbers, WarpNumbers
 from pvg.skin.parameters.networks import BodyNetworkNumbers, NetworkNumbers
 from pvg.skin.parameters.picture import (
@@ -53,6 +53,7 @@ class SkinPrior:
     warp: WarpNumbers = field(default_factory=WarpNumbers)
     tracking: TrackingNumbers = field(default_factory=TrackingNumbers)
     body: BodyNumbers = field(default_factory=BodyNumbers)
+    highlights: HighlightNumbers = field(default_factory=HighlightNumbers)
     collar: CollarNumbers = field(default_factory=CollarNumbers)
     consensus: ConsensusNumbers = field(default_factory=ConsensusNumbers)
     ring: RingNumbers = field(default_factory=RingNumbers)

@@ -121,3 +121,17 @@ class CollarNumbers:
     brighter: Range = (1.1, 1.25)  # of its luma [by eye]
     paler: Range = (0.3, 0.5)  # of its chroma over luma [measured: to 0.8 a neck that is lit from a side loses 15 %]
     blur: float = 1.0  # cells [by eye]: what is found comes and goes with noise
+
+
+@dataclass(frozen=True)
+class HighlightNumbers:
+    """Highlights on the skin off the face."""
+
+    person: float = 0.5  # of the person mask [by eye]
+    lighter: float = 1.0  # spreads of lightness beyond the face's, at least [by eye]
+    pales: float = 0.5  # of missing chroma that light explains [measured: white cloth counts from 0.8 on]
+    pales_rise: Range = (1.5, 4.0)  # spreads of lightness [by eye]: from none to that
+    least: float = 0.015  # squared face sizes [by eye]: smaller parts are noise, and come and go
+    step: float = 16.0  # CIE L and chroma at one lightness, from cell to cell [measured: with `share`]: an edge
+    share: float = 0.4  # of the outline without one [measured: parts with it are skin by 89 % of their area]
+    probability: float = 0.9  # of skin there [by eye]

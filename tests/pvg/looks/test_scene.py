@@ -47,6 +47,40 @@ def test_brightness_and_hue_go_part_of_the_way(
     assert 0.4 < way < 0.95
 
 
+def with_glare(colors: np.ndarray, light: float) -> np.ndarray:
+    """Skin whose brightest fifth is mixed with white light, in that share."""
+    opponent = to_opponent(colors)
+    bright = opponent[:, 0] >= np.quantile(opponent[:, 0], 0.8)
+    opponent[bright, 0] *= 1.3
+    opponent[bright, 1:] *= 1.3 * (1 - light)
+    return np.clip(to_rgb(opponent), 0, 255).astype(np.float32)
+
+
+def saturation_of_bright(colors: np.ndarray) -> float:
+    opponent = to_opponent(colors)
+    bright = opponent[opponent[:, 0] >= np.quantile(opponent[:, 0], 0.85)]
+    return float(np.median(np.hypot(*bright[:, 1:].T) / bright[:, 0]))
+
+
+def test_bright_skin_pales_as_the_clips_does_as_far_as_its_middle_is_the_clips() -> None:
+    """Six tenths of that: without, a highlight that burns out lies in a ring of orange."""
+    rich, goal = (120.0, -0.34, 0.40), skin(PALE)
+    plain, burnt = (in_scene(goal, own, 1.0) for own in (skin(rich), with_glare(skin(rich), 0.7)))
+    np.testing.assert_allclose(np.median(burnt, axis=0), np.median(plain, axis=0), atol=1.5)
+    kept = saturation_of_bright(plain) - saturation_of_bright(goal)  # of the clip's, whose skin is richer
+    assert kept > 0.05
+    way = kept / (saturation_of_bright(skin(rich)) - saturation_of_bright(goal))
+    paler = saturation_of_bright(skin(rich)) - saturation_of_bright(with_glare(skin(rich), 0.7))
+    taken = (saturation_of_bright(plain) - saturation_of_bright(burnt)) / (way * paler)
+    assert taken == pytest.approx(0.6, abs=0.05)
+
+
+def test_a_reference_that_burns_out_as_the_clip_does_is_as_before() -> None:
+    burnt, own = with_glare(skin(TAN), 0.5), with_glare(skin(DARK), 0.5)
+    tone, rich = median(in_scene(burnt, own, 1.0))[1], saturation_of_bright(in_scene(burnt, own, 1.0))
+    assert rich / np.hypot(*tone) == pytest.approx(0.5, abs=0.03)
+
+
 def test_rich_skin_does_not_become_grey_at_will() -> None:
     def way(goal: tuple[float, float, float], own: tuple[float, float, float]) -> float:
         taken, start = (median(colors)[1] for colors in (in_scene(skin(goal), skin(own), 1.0), skin(own)))
