@@ -8,10 +8,11 @@ from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, 
 from pvg.landmarks.mesh import Mesh, fit_landmarks, region_of_points
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.smoothing import smooth
-from pvg.landmarks.tracking import MAX_FACES, FaceTracker, track_faces
+from pvg.landmarks.tracking import LOOKBACK, MAX_FACES, FaceTracker, track_faces
 from pvg.landmarks.tracks import FaceTrack, FaceTracks, OpenTrack
 
 __all__ = [
+    "LOOKBACK",
     "MAX_FACES",
     "FaceShape",
     "FaceTrack",

@@ -35,13 +35,20 @@ class Appearances:
         """Begin anew, at a cut."""
         self._views.clear()
 
-    def look(self, tracks: Sequence[OpenTrack], index: int, picture: Picture) -> bool:
-        """Remember how the faces of a frame look. Returns whether another person seems to have taken one's place."""
+    def look(self, tracks: Sequence[OpenTrack], index: int, picture: Picture) -> None:
+        """Remember how the faces of a frame look."""
         self._views = {track: self._views.get(track, FaceViews(self._step)) for track in tracks}
         seen = [track for track in tracks if track.last == index and not track.is_carried]
         for track in seen:
             self._views[track].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
-        return any(self._views[track].show_another() for track in seen)
+
+    def show_another(self) -> bool:
+        """Whether another person seems to have taken the place of one of them."""
+        return any(views.show_another() for views in self._views.values())
+
+    def show_same(self) -> bool:
+        """Whether one of them is surely who it was."""
+        return any(views.show_same() for views in self._views.values())
 
     def whose(self, mesh: Mesh, finders: Sequence[OpenTrack], lost: Sequence[OpenTrack], picture: Picture) -> OpenTrack:
         """Whose face it is that tracks have found, while others nearby are lost: that of the one that it is likest to.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -38,8 +39,52 @@ DISSOLVE_REACH = 8
 DISSOLVE_SHARE, DISSOLVE_LEFT = (0.45, 0.7), 0.25
 """Of the picture after in the one in the middle, and what of their difference is neither, rms. [measured: dissolves
 leave 0.07 to 0.18; zooms, pans and moving people 0.4 at least]"""
+OVER_SHARE = 0.6
+"""What is left at the end of all that a picture's pixels have changed by on the way, from which on it went over into
+another by a wipe, an iris or a dissolve: what moves goes up and down. [measured: two of three of those have 0.7 and
+more; pictures that pass behind a face have 0.34 at most, pans and zooms 0.61]"""
+OVER_RESTS, RESTING_STEPS = 0.05, 3
+"""Share of the way to another picture that the last steps may still have gone where it has arrived."""
 _LEAST_CONTRAST = 8.0
 """Levels of luma, standard deviation, below which a picture is none that dissolves: fades are light that changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A picture that becomes another one step by step.
+
+    lumas: (n, 36, 64) float32, thumbnails' luma, one a step;  steps: how many of the last of them it was seen in.
+    """
+
+    lumas: Floats
+    steps: int
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it went over without moving, as in a wipe, an iris or a dissolve, and has arrived."""
+        lumas = self.lumas[-1 - self.steps :]
+        before, after = lumas[0], lumas[-1]
+        if min(before.std(), after.std()) < _LEAST_CONTRAST:
+            return False
+        on_the_way = float(np.abs(np.diff(lumas, axis=0)).sum())
+        return self.rests and float(np.abs(after - before).sum()) >= OVER_SHARE * on_the_way
+
+    @property
+    def rests(self) -> bool:
+        """Whether it has arrived."""
+        way = _way(self.lumas[-1 - self.steps :])
+        return len(way) > RESTING_STEPS and 1 - float(way[-1 - RESTING_STEPS]) < OVER_RESTS
+
+    def steps_since(self, share: float, part: Floats) -> int:
+        """How many steps before the last it had gone a share of the way within a part of the picture.
+
+        part: (4,) x0, y0, x1, y1 in shares of the picture.
+        """
+        height, width = self.lumas.shape[1:]
+        x0, y0 = np.minimum(part[:2] * (width, height), (width - 1, height - 1)).astype(int)
+        x1, y1 = np.ceil(part[2:] * (width, height)).astype(int)
+        way = _way(self.lumas[:, y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)])
+        return len(way) - 1 - int((way < share).sum())
 
 
 class CutDetector:
@@ -47,17 +92,19 @@ class CutDetector:
 
     A cut changes the picture's structure (the luma of two thumbnails stops correlating wherever they are laid, which a
     change of exposure or a shaken camera does not do) or, more rarely, its colours as a whole. A dissolve counts as a
-    cut some frames after its middle: there the picture is a mean of two that have nothing in common.
+    cut once it has ended: in its middle the picture is a mean of two that have nothing in common.
     """
 
     def __init__(self, remembered: int = 0, step: int = 1) -> None:
         """remembered: how many steps back `is_another_since` is to look;  step: see `frames_a_step`."""
         self._step = step
         self._taken = 0  # frames
+        self.dissolve: Change | None = None  # that the last picture ends
+        self._waited = 0  # steps since a dissolve was seen that has not come to its end yet
         self._histogram: Floats | None = None  # of the frame before
         self._last: Floats | None = None  # its luma
         # luma of the frames before, one a step, of this shot
-        self._recent: deque[Floats] = deque(maxlen=max(2 * DISSOLVE_REACH, remembered) + 1)
+        self._recent: deque[Floats] = deque(maxlen=max(3 * DISSOLVE_REACH, remembered) + 1)
 
     def is_cut(self, frame: Picture | Bytes) -> bool:
         """Take the next frame, a picture or (H, W, 3) uint8; the first frame ever is not a cut."""
@@ -65,11 +112,11 @@ class CutDetector:
         luma = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.float32)
         cut = self._is_hard_cut(small, luma)
         self._last = luma
+        self.dissolve = None
         if not cut and self._taken % self._step == 0:
             self._recent.append(luma)
-            cut = len(self._recent) > 2 * DISSOLVE_REACH and _dissolved(
-                self._recent[-1 - 2 * DISSOLVE_REACH], self._recent[-1 - DISSOLVE_REACH], luma
-            )
+            self.dissolve = self._ended_dissolve()
+            cut = self.dissolve is not None
         self._taken += 1
         if cut:
             self.forget()
@@ -87,11 +134,29 @@ class CutDetector:
         unlike = changed and _unlikeness(now, before) > REPLACED_UNLIKENESS
         return unlike and not _moved(now, before) and not _relit(now, before)
 
+    def change(self, steps: int) -> Change:
+        """The pictures of this shot that are remembered, of which the last so many steps are looked at."""
+        return Change(np.stack(self._recent), min(len(self._recent) - 1, steps))
+
     def forget(self) -> None:
         """Start a new shot with the last picture."""
+        self._waited = 0
         self._recent.clear()
         if self._last is not None:
             self._recent.append(self._last)
+
+    def _ended_dissolve(self) -> Change | None:
+        """The dissolve that has come to its end with the last picture, or was seen as many steps ago as is waited."""
+        reach = DISSOLVE_REACH
+        seen = self._waited > 0 or (
+            len(self._recent) > 2 * reach
+            and _dissolved(self._recent[-1 - 2 * reach], self._recent[-1 - reach], self._recent[-1])
+        )
+        if not seen:
+            return None
+        self._waited += 1
+        change = self.change(3 * reach)
+        return change if change.rests or self._waited > reach else None
 
     def _is_hard_cut(self, small: Bytes, luma: Floats) -> bool:
         """Whether a picture differs from the one before as a cut does.  small: (36, 64, 3) RGB;  luma: (36, 64)."""
@@ -109,6 +174,13 @@ class CutDetector:
         unlikeness = _unlikeness(luma, before)
         framed_alike = recolored > RECOLORED and change > RECOLORED_CHANGE and unlikeness > RECOLORED_UNLIKENESS
         return (unlikeness > MIN_UNLIKENESS and not _moved(luma, before)) or framed_alike
+
+
+def _way(lumas: Floats) -> Floats:
+    """(n,) how far each picture of (n, h, w) is on the way from the first, 0, to the last, 1."""
+    whole = lumas[-1] - lumas[0]
+    square = max(float((whole * whole).sum()), 1e-3)
+    return np.asarray(((lumas - lumas[0]) * whole).sum(axis=(1, 2)) / square, np.float32)
 
 
 def _dissolved(before: Floats, middle: Floats, after: Floats) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pvg._arrays import Bytes, Floats
 from pvg.landmarks.association import SAME_FACE_IOU, Appearances, is_taken, lost_near
-from pvg.landmarks.cuts import CutDetector
+from pvg.landmarks.cuts import Change, CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.motion import carried, share_inside
@@ -31,9 +31,15 @@ lasts as long. A shot of one frame at 25 a second is a flash or a fault."""
 ON_EDGE, LEAST_FITTED, LEAST_SEEN = 0.95, 0.75, 0.1
 """Shares of the mesh's points inside the picture: with fewer than the first a face is on the edge, with fewer than the
 second the mesh fits worse than its points go with the picture, with fewer than the last it has left."""
+LOOKBACK = 32
+"""How many frames ago a cut that is told afterwards can have been: what is further back may be settled."""
 BLIND_FITS = 5
 """How many frames a lost face is still looked for where it was last; after that only the detector looks."""
 _LOOKED_AT_A_SECOND = 25.0
+_LOOKS_WAITED = 3
+"""How often another person is seen in a face's place before the picture need not have come to rest."""
+_WAY = 0.1, 0.5
+"""Shares of the way to another picture: where a face is no longer only its own, and where it is the other's."""
 
 
 def frames_a_step(frame_rate: float) -> int:
@@ -83,9 +89,9 @@ class FaceTracker:
         self._detect_every = max(1, min(DETECT_EVERY, round(frame_rate / _DETECTIONS_A_SECOND)))
         self._min_seen_in_shot = max(1, min(MIN_SEEN_IN_SHOT, round(frame_rate * _SHOWN_S)))
         self._step = frames_a_step(frame_rate)
-        self._cut_detector = CutDetector(remembered=LAG, step=self._step)
+        self._cut_detector = CutDetector(remembered=LOOKBACK, step=self._step)
         self._appearances = Appearances(self._step)
-        self._replaced = False  # whether another person took a face's place in the frame before
+        self._seen_another = 0  # times that another person seemed to be in a face's place, since the last cut
         self.cuts: list[int] = []
         self.open: list[OpenTrack] = []
         self.closed: list[OpenTrack] = []
@@ -101,15 +107,8 @@ class FaceTracker:
             raise ValueError(f"frame {index} follows frame {self._expected - 1}; frames must be consecutive")
         self._expected = index + 1
         self.frame_count += 1
-        if self._cut_detector.is_cut(picture) or self._replaced:
-            self._cut_detector.forget()
-            self._appearances.forget()
-            self._replaced = False
-            self.cuts.append(index)
-            self.closed += self.open
-            self.open = []
-            self._last_detection = None
-            self._before = None
+        if self._cut_detector.is_cut(picture):
+            self._cut(index, self._cut_detector.dissolve, picture.size)
         self._follow(index, picture)
         lost = any(track.last != index for track in self.open)
         due = self._last_detection is None or index - self._last_detection >= self._detect_every
@@ -123,8 +122,63 @@ class FaceTracker:
         self.open = kept
         self._before = picture if kept else None
         if index % (EVERY * self._step) == 0:
-            replaced = self._appearances.look(self.open, index, picture)
-            self._replaced = replaced and self._cut_detector.is_another_since(LAG)
+            self._appearances.look(self.open, index, picture)
+            if self.open and self._is_replaced():
+                self._cut(index, self._cut_detector.change(LAG), picture.size)
+
+    def _is_replaced(self) -> bool:
+        """Whether another person has come with another picture.
+
+        That is told when the picture rests, or cannot be waited for any longer: else the rest of it would be one more.
+        """
+        another = self._cut_detector.is_another_since(LAG)
+        seen = another and self._appearances.show_another()
+        self._seen_another += seen
+        if not another and not self._seen_another:
+            return False
+        change = self._cut_detector.change(LAG)
+        if change.rests:
+            return self._seen_another > 0 or (change.is_over and not self._appearances.show_same())
+        return self._seen_another > (_LOOKS_WAITED if seen else 0)
+
+    def _cut(self, index: int, change: Change | None, size: tuple[int, int]) -> None:
+        """Begin a new shot with this frame, or where a change that is told with it had gone half of its way.
+
+        That is where it had in the part that faces were in before. Who was found on the way is of the new shot.
+        size: (height, width) of the picture.
+        """
+        self._cut_detector.forget()
+        self._appearances.forget()
+        self._last_detection = None
+        self._seen_another = 0
+        cut = began = first = index
+        if change is not None:
+            first = max(index - self._step * (len(change.lumas) - 1), index - LOOKBACK)
+            part = self._part(first, size)
+            began, cut = (max(index - self._step * change.steps_since(share, part), first + 1) for share in _WAY)
+        else:
+            self._before = None
+        self.cuts.append(cut)
+        tracks, self.open = self.open, []
+        for track in tracks:
+            if track.last < cut:
+                self.closed.append(track)
+            elif track.first > first:
+                self.open.append(track)
+            else:
+                self.open.append(track.split(cut, min(began, cut)))
+                self.closed.append(track)
+
+    def _part(self, frame: int, size: tuple[int, int]) -> Floats:
+        """The part of a picture of (height, width) that the faces of a frame were in.
+
+        Returns (4,) x0, y0, x1, y1 in shares of it, all of it where there were none.
+        """
+        boxes = [box_of(track.seen_by(frame).landmarks.points) for track in self.open if track.first <= frame]
+        if not boxes:
+            return np.array((0, 0, 1, 1), np.float32)
+        box = np.concatenate([np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]])
+        return np.asarray(np.clip(box / (size[1], size[0], size[1], size[0]), 0, 1), np.float32)
 
     def _follow(self, index: int, picture: Picture) -> None:
         """Find the face of every open track where it was last seen.

@@ -82,7 +82,8 @@ class OpenTrack:
     """A face being followed. `frames` and `seen` run parallel and skip the frames where it was not seen.
 
     first: its first frame, also once the beginning is forgotten; last_mesh: where it was last seen; scores: of all
-    frames that showed it whole; left_picture: whether it left the picture after them.
+    frames that showed it whole; left_picture: whether it left the picture after them;
+    split_from: the track that it was a part of.
     """
 
     first: int
@@ -91,6 +92,7 @@ class OpenTrack:
     seen: list[Seen] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
     left_picture: bool = False
+    split_from: OpenTrack | None = None
 
     def add(self, index: int, mesh: Mesh) -> None:
         """The face was seen in frame `index`."""
@@ -109,11 +111,29 @@ class OpenTrack:
             self.frames.pop()
             self.seen.pop()
 
+    def split(self, frame: int, mixed_from: int) -> OpenTrack:
+        """End before `frame`, which is not the first that showed the face. Returns what came from there on.
+
+        mixed_from: from this frame on, no later one, it may show two faces: no colours are to be taken from there.
+        """
+        begin, mixed = bisect_left(self.frames, frame), bisect_left(self.frames, mixed_from)
+        scores = len(self.scores) - sum(one.score > FACE_GATE for one in self.seen[begin:])
+        self.seen[mixed:] = [replace(one, score=FACE_GATE) for one in self.seen[mixed:]]
+        rest = OpenTrack(self.frames[begin], self.last_mesh, split_from=self, left_picture=self.left_picture)
+        rest.frames, rest.seen, rest.scores = self.frames[begin:], self.seen[begin:], self.scores[scores:]
+        del self.frames[begin:], self.seen[begin:], self.scores[scores:]
+        self.left_picture = False
+        return rest
+
     def _append(self, index: int, mesh: Mesh) -> None:
         self.left_picture = False
         self.frames.append(index)
         self.seen.append(Seen(Landmarks.from_mesh(mesh.points), mesh.score, head_pose(mesh)))
         self.last_mesh = mesh
+
+    def seen_by(self, frame: int) -> Seen:
+        """What the last frame at or before `frame` showed that showed the face; it must not be forgotten."""
+        return self.seen[bisect_right(self.frames, frame) - 1]
 
     @property
     def last(self) -> int:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pvg._arrays import Floats
-from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
+from pvg.landmarks import LOOKBACK, FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Box, Picture, clipped
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.fading import FADE_REACH, faded
@@ -23,7 +23,8 @@ from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.surroundings import surroundings
 
 CHUNK = 32  # frames a face is followed by at a time
-LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22
+# frames that must be known after the last of them: the smoothing's filters reach 22, and cuts that are told afterwards
+LOOKAHEAD = LOOKBACK  # lie back that far
 HISTORY = 96  # frames before them that tell jitter from movement
 # of the contrast of a shot's pictures: less is a fade, more is none [measured: 0.8 and more in clips without one]
 _FADED, _CLEAR = 0.75, 0.95
@@ -116,9 +117,11 @@ class Following:
     def advances(self, frames: Iterable[tuple[int, Picture]]) -> Iterator[Advance]:
         """What becomes final with each frame; frames: (index, picture) of the whole clip in order."""
         for index, picture in frames:
+            cuts = len(self._tracker.cuts)
             self._tracker.step(index, picture)
+            self._split()
             stretches = self._close()
-            self._look_around(index, picture)
+            self._look_around(index, picture, cut=len(self._tracker.cuts) > cuts)
             stretches += self._look_at_faces(index, picture)
             settled = self._settled(index + 1)
             for frame in [frame for frame in self._scenes if frame < settled]:
@@ -129,13 +132,12 @@ class Following:
         self._finished = True
         yield Advance(self.frame_count, tuple(self._close()))
 
-    def _look_around(self, index: int, picture: Picture) -> None:
-        """Keep the scene of a frame with faces."""
+    def _look_around(self, index: int, picture: Picture, *, cut: bool) -> None:
+        """Keep the scene of a frame with faces;  cut: whether one was told with it."""
         if self._scene_reader is not None and self._tracker.open:
             faces = [track.seen[-1].landmarks for track in self._tracker.open]
-            cut = index in self._tracker.cuts or index - 1 != self._looked
+            scene = self._scene_reader.step(picture, faces, cut=cut or index - 1 != self._looked)
             self._looked = index
-            scene = self._scene_reader.step(picture, faces, cut=cut)
             self._scenes[index], self._contrasts[index] = scene, scene.contrast
 
     def _look_at_faces(self, index: int, picture: Picture) -> list[Stretch]:
@@ -159,10 +161,23 @@ class Following:
             if course.track is track:
                 return course
         x0, y0, x1, y1 = surroundings(track.seen[0].landmarks)
-        course = _Course(self._found, track, (x1 - x0) / (y1 - y0), done=track.first)
+        return self._begin(track, (x1 - x0) / (y1 - y0))
+
+    def _begin(self, track: OpenTrack, aspect: float) -> _Course:
+        course = _Course(self._found, track, aspect, done=track.first)
         self._found += 1
         self._courses.append(course)
         return course
+
+    def _split(self) -> None:
+        """Give what is kept of a track that a cut has split, told afterwards, to who comes after it."""
+        for track in self._tracker.open:
+            if track.split_from is not None:
+                before = self._course(track.split_from)
+                after = self._begin(track, before.aspect)
+                after.deferred = before.deferred
+                after.pictures = {k: before.pictures.pop(k) for k in list(before.pictures) if k >= track.first}
+                track.split_from = None
 
     def _close(self) -> list[Stretch]:
         """Settle all that is left of the tracks that ended."""

@@ -3,8 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.landmarks.cuts import DISSOLVE_REACH, CutDetector
+from pvg.landmarks.cuts import DISSOLVE_REACH, RESTING_STEPS, CutDetector
 from tests.gallery.pictures import background
+
+WHOLE = np.array([0, 0, 1, 1], np.float32)
 
 
 @pytest.mark.parametrize("change", ["darker", "shifted", "shaken", "noisy"])
@@ -29,16 +31,43 @@ def test_a_fade_to_black_ends_in_a_cut_as_a_flat_picture_is_found_everywhere() -
 
 
 @pytest.mark.parametrize("length", [6, 12, 20])
-def test_a_dissolve_is_one_cut_after_its_middle(length: int) -> None:
+def test_a_dissolve_is_one_cut_that_is_told_once_it_has_ended(length: int) -> None:
     before, after = background(7).astype(float), background(8).astype(float)
     shares = np.clip((np.arange(80) - 40 + length / 2) / length, 0, 1)
-    detector = CutDetector()
-    cuts = [
-        k for k, share in enumerate(shares) if detector.is_cut((before + share * (after - before)).astype(np.uint8))
-    ]
-    (cut,) = cuts
-    assert 40 < cut <= 40 + DISSOLVE_REACH + 2
-    assert shares[cut] >= 0.75
+    detector, halves = CutDetector(), {}
+    for k, share in enumerate(shares):
+        if detector.is_cut((before + share * (after - before)).astype(np.uint8)):
+            assert detector.dissolve is not None
+            halves[k] = k - detector.dissolve.steps_since(0.5, WHOLE)
+    ((told, half),) = halves.items()
+    assert shares[told] == 1
+    assert told <= 40 + max(DISSOLVE_REACH + 2, length / 2 + RESTING_STEPS)
+    assert abs(half - 40) <= 1
+
+
+def test_a_part_of_a_picture_that_is_wiped_has_a_middle_of_its_own() -> None:
+    before, after = background(7), background(8)
+    detector = CutDetector(remembered=24)
+    for k in range(31):
+        edge = round(before.shape[1] * k / 25) if k <= 25 else before.shape[1]
+        assert not detector.is_cut(np.concatenate([after[:, :edge], before[:, edge:]], axis=1))
+    assert detector.is_another_since(24)
+    change = detector.change(24)
+    assert change.rests
+    assert change.is_over
+    for place in (0.2, 0.5, 0.8):
+        part = np.array([place - 0.1, 0.2, place + 0.1, 0.8], np.float32)
+        assert abs(30 - change.steps_since(0.5, part) - 25 * place) <= 2
+
+
+def test_a_picture_that_passes_by_has_not_gone_over() -> None:
+    scene, detector = np.concatenate([background(seed) for seed in (7, 8)], axis=1), CutDetector(remembered=24)
+    for k in range(28):
+        x = min(20 * k, 480)
+        assert not detector.is_cut(np.ascontiguousarray(scene[:, x : x + 480]))
+    assert detector.is_another_since(24)
+    assert detector.change(24).rests
+    assert not detector.change(24).is_over
 
 
 @pytest.mark.parametrize("step", [2, 5])
@@ -49,7 +78,7 @@ def test_a_dissolve_of_more_frames_in_the_same_time_is_one_cut(step: int) -> Non
     (cut,) = [
         k for k, share in enumerate(shares) if detector.is_cut((before + share * (after - before)).astype(np.uint8))
     ]
-    assert 40 * step < cut <= (40 + DISSOLVE_REACH + 2) * step
+    assert 50 * step < cut <= (50 + RESTING_STEPS) * step
 
 
 @pytest.mark.parametrize("step", [1, 2, 5])

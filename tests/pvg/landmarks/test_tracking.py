@@ -7,9 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from pvg.landmarks import FaceTracker, Mesh, smooth, track_faces
+from pvg.landmarks import LOOKBACK, FaceTracker, Mesh, smooth, track_faces
+from pvg.landmarks.cuts import RESTING_STEPS
 from pvg.landmarks.detector import box_iou
 from pvg.landmarks.motion import share_inside
+from pvg.landmarks.replacing import EVERY, FaceViews
 from pvg.landmarks.tracks import CONFIRMED_SCORE, FACE_GATE, OpenTrack
 from pvg.picture import as_picture
 from scripts.samples import Samples
@@ -303,8 +305,35 @@ def test_who_comes_with_a_wipe_is_another_person(portrait: np.ndarray, samples: 
     step = round(frame_rate / 25)
     result = track_faces(wiped(before, after, 24 * step, 30 * step), frame_rate=frame_rate)
     (cut,) = result.cuts
-    assert (30 + 12) * step < cut <= (30 + 24 + 3) * step
+    told = (30 + 24 + RESTING_STEPS + EVERY) * step
+    assert (30 + 12 - 2) * step <= cut <= max((30 + 12 + 2) * step, told - LOOKBACK)
     assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (cut, 84 * step - 1)]
+
+
+def test_who_comes_with_a_wipe_and_is_alike_is_another_person(
+    portrait: np.ndarray, samples: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where views of two faces do not differ, the picture tells."""
+    monkeypatch.setattr(FaceViews, "show_another", lambda _: False)
+    pale = read_rgb(samples.pale_portrait)
+    before, after = (window(one, fit_surest(one).points.mean(axis=0)) for one in (portrait, pale))
+    result = track_faces(wiped(before, after))
+    (cut,) = result.cuts
+    assert abs(cut - 42) <= 2
+    assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (cut, 83)]
+
+
+def test_a_track_that_is_split_gives_no_colours_while_it_may_show_two_faces(mesh: Mesh) -> None:
+    track = OpenTrack(0, mesh)
+    for index in range(6):
+        track.add(index, replace(mesh, score=0.99))
+    track.carry(6, mesh)
+    track.add(7, replace(mesh, score=0.9))
+    rest = track.split(5, 3)
+    assert (track.frames, rest.frames) == ([0, 1, 2, 3, 4], [5, 6, 7])
+    assert (len(track.scores), rest.scores) == (5, [0.99, 0.9])
+    assert [one.score > FACE_GATE for one in track.seen + rest.seen] == [True] * 3 + [False] * 5
+    assert (rest.first, rest.split_from) == (5, track)
 
 
 def test_the_same_person_before_another_wall_is_the_same(portrait: np.ndarray, head: np.ndarray) -> None:

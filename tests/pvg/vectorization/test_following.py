@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from operator import attrgetter
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,6 +15,7 @@ from pvg.vectorization.following import CHUNK, LOOKAHEAD, Following
 from pvg.vectorization.stretch import Stretch
 from pvg.video import picture_of, read_frames
 from scripts.samples import Samples
+from tests.gallery.faces import fit_surest, read_rgb
 
 Frames = list[tuple[int, Picture]]
 
@@ -115,6 +117,31 @@ def test_visibility_is_that_of_the_whole_track(clip: Frames) -> None:
         track = joined(own)
         visible = np.concatenate([stretch.visible for stretch in own])
         np.testing.assert_allclose(visible, opacity(track, shots, following.frame_count))
+
+
+@pytest.mark.parametrize("before", [30, 75])
+def test_who_comes_with_a_slow_dissolve_has_rows_from_its_middle_on(
+    clip: Frames, samples: Samples, before: int
+) -> None:
+    """Though it is told when it has ended: their first colours are of a frame that shows hardly anybody else."""
+    pale = read_rgb(samples.pale_portrait)
+    (own,) = track_faces(clip[:1]).tracks
+    theirs = Landmarks.from_mesh(fit_surest(pale).points)
+    to_clip = cv2.getAffineTransform(theirs.eyes_and_mouth, own.landmarks[0].eyes_and_mouth)
+    after = cv2.warpAffine(pale, to_clip, clip[0][1].size[::-1], borderMode=cv2.BORDER_REFLECT)
+    shares = np.clip((np.arange(120) - before + 1) / 20, 0, 1)
+    frames: Frames = [
+        (k, RgbPicture(cv2.addWeighted(picture.rgb(), 1 - share, after, share, 0)))
+        for (k, picture), share in zip(clip, shares, strict=True)
+    ]
+    stretches, following = follow(frames)
+    (cut,) = following.cuts
+    assert abs(cut - before - 10) <= 4
+    first, second = (joined([one for one in stretches if one.number == number]) for number in (0, 1))
+    assert (first.first, first.last, second.first, second.last) == (0, cut - 1, cut, 119)
+    assert all((one.visible == 1).all() for one in stretches)
+    (key,) = (one.key for one in stretches if one.number == 1 and one.key is not None)
+    assert shares[cut + key.row] >= 0.95
 
 
 def test_a_narrow_face_is_named_and_not_followed(clip: Frames) -> None:
