@@ -152,6 +152,11 @@ class MapTables:
         luma = np.clip(codes[0], 0, self.usual.shape[1] - 1).astype(np.int32)
         return np.asarray(codes[1:] - self.offset[1:, None, None] - self.usual[:, luma], np.float32)
 
+    def off_usual_in_d(self, codes: Floats) -> Floats:
+        """The same by what d of `foreign` is measured by."""
+        luma = np.clip(codes[0], 0, self.usual.shape[1] - 1).astype(np.int32)
+        return np.asarray(self.off_usual(codes) / self._scale[luma], np.float32)
+
     def _off_skin(
         self, codes: Floats, where: Bools, lips: Bools | None, around: Floats | None, bounds: tuple[float, float]
     ) -> Floats:

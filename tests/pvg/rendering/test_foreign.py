@@ -111,6 +111,17 @@ def test_light_of_another_colour_is_no_paint(placed: PlacedFace) -> None:
     assert (left < 1).mean() < 0.01
 
 
+@pytest.mark.parametrize(("width", "is_skin"), [(15.0, True), (0.5, False)], ids=["two lamps", "paint"])
+def test_half_a_face_under_another_lamp_is_skin_where_the_light_goes_over(
+    placed: PlacedFace, width: float, *, is_skin: bool
+) -> None:
+    below = (np.arange(360)[:, None, None] - placed.data.landmarks.axes.center[1] - 20) / width
+    lamp = SKIN * (1 - (1 - np.array([0.3, 0.7, 1.9])) / (1 + np.exp(-np.clip(below, -50, 50))))
+    frame, corner, marks = frame_of(lamp * np.ones((1, 640, 1)), RGB24), (placed.x, placed.y), placed.data.landmarks
+    left = without_foreign(frame, corner, placed.alpha, _tables(RGB24), marks)
+    assert (left is placed.alpha) is is_skin
+
+
 def test_a_clip_that_turns_from_grey_to_colour_shows_skin_in_both(placed: PlacedFace) -> None:
     """The key frame is a grey one."""
     shading = 1 + 0.1 * np.sin(np.arange(640) / 15.0)[None, :, None]
