@@ -17,6 +17,7 @@ from pvg.face import PARTS, layout
 from pvg.haze import MOST_HAZE
 from pvg.skin import MaskMethod
 from pvg.video import INPUT_COLORS
+from pvg.warmth import MOST_WARMTH
 
 _MAX_SIDE: Final = 65_535
 _MAX_FRAMES: Final = 10**8
@@ -178,6 +179,7 @@ def _check_face(face: Mapping[str, Any], index: int, frames: int, entries: int) 
     _whole(face["track"], 0, _MAX_TRACK, "track")
     _whole(face["person"], 0, entries, "person")
     _whole(face.get("haze", 0), 0, MOST_HAZE, "haze")
+    _whole(face.get("warmth", 0), 0, MOST_WARMTH, "warmth")
     _number(face["width_px"], "width_px")
     if len([_whole(one, 0, 255, "skin_rgb") for one in face["skin_rgb"]]) != 3:
         raise ValueError("skin_rgb is no colour")

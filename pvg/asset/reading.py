@@ -176,7 +176,7 @@ class VectorVideo:
             frames = tuple(
                 KeyFrame(f, c, v, *self._skin_of_key(track, k), p, last) for k, (f, c, v, p, last) in enumerate(keys)
             )
-            out.append(FaceRecord(face, frames, raw.get("haze", 0)))
+            out.append(FaceRecord(face, frames, raw.get("haze", 0), raw.get("warmth", 0)))
         return tuple(out)
 
     def _of_keys(self, track: int, name: str, count: int) -> NDArray[Any]:

@@ -127,11 +127,15 @@ class FaceInFrame:
 
 @dataclass(frozen=True, eq=False)
 class FaceRecord:
-    """A face of the clip: what it is, its key frames, and the levels of haze over its pictures (`pvg.haze`)."""
+    """A face of the clip: what it is, and its key frames.
+
+    haze: levels of it over its pictures, see `pvg.haze`;  warmth: of what is around it, see `pvg.warmth`.
+    """
 
     summary: FaceSummary
     key_frames: tuple[KeyFrame, ...]
     haze: int = 0
+    warmth: int = 0
 
     def key_frame_of(self, frame: int) -> KeyFrame:
         """The key frame last passed at `frame`: the last one at or before it, else the first."""

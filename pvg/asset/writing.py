@@ -91,8 +91,9 @@ class AssetWriter:
             self._of_keys(f"track{track}/skin_at/{k:06d}", "skin_at", key.skin_at, len(key.skin))
         key_frames = [key.frame for key in record.key_frames]
         since = [key.since for key in record.key_frames]
-        entry = {"track": track, "key_frames": key_frames, "key_frames_since": since, "haze": record.haze}
-        self._faces.append({**asdict(record.summary), **entry})
+        entry = {"track": track, "key_frames": key_frames, "key_frames_since": since}
+        around = {"haze": record.haze, "warmth": record.warmth}
+        self._faces.append({**asdict(record.summary), **entry, **around})
 
     def finish(self, manifest: Mapping[str, Any]) -> None:
         """Write the manifest and move the file to its name."""

@@ -70,13 +70,15 @@ class PersonMap:
     @classmethod
     def of(cls, records: Sequence[FaceRecord], goal: Goal, *, follow_exposure: bool) -> PersonMap:
         """The map of the person whose faces these are, the one seen longest first."""
-        plain = with_lit_skin(leading_key(records))
+        leader = leading_key(records)
+        warmth = next(record.warmth for record in records if any(key is leader for key in record.key_frames))
+        plain = with_lit_skin(leader)
         leading = goal.relit(plain)
-        skin = _skin_map(leading, goal) if goal.semantic else None
+        skin = _skin_map(leading, goal, warmth) if goal.semantic else None
         at_curves = all_colors_map(leading, goal.target, goal.steps) if skin is None else _at_curves(skin)
         exposure = Exposure(leading, _skin_moved(skin, at_curves)) if follow_exposure else None
         # light falls on the face alone
-        whole = skin if skin is not None and plain is leading else _whole_map(plain, goal)
+        whole = skin if skin is not None and plain is leading else _whole_map(plain, goal, warmth)
         return cls(skin, at_curves, exposure, whole, beard_of(plain))
 
     def exposure_of(self, key: KeyFrame) -> KeyExposure:
@@ -102,22 +104,24 @@ def _at_curves(skin: SkinMap) -> ColorMap:
     return lambda key: np.where(of_skin, skin.at_patches(key.colors), skin(key.colors))
 
 
-def _skin_map(key: KeyFrame, goal: Goal) -> SkinMap | None:
+def _skin_map(key: KeyFrame, goal: Goal, warmth: int) -> SkinMap | None:
     """The smooth map of the transport of the open skin; None without enough of it on either side.
+
+    warmth: see `pvg.warmth`.
 
     A number for λ is the contrast of all that lies between the curves: neither features nor shade get deeper then.
     """
     if min(len(key.skin), len(goal.target.skin)) == 0:
         return None
-    moved = goal.steps.transport(key.skin, complexion(goal.target.skin, key.skin, goal.scene))
+    moved = goal.steps.transport(key.skin, complexion(goal.target.skin, key.skin, goal.scene, warmth))
     if goal.contrast != "auto":
         return SkinMap.between(key.skin, moved, bounded=goal.scene)
     return SkinMap.between(key.skin, moved, depth_of_features(key, goal.target), CRISP, bounded=goal.scene)
 
 
-def _whole_map(key: KeyFrame, goal: Goal) -> SkinMap:
+def _whole_map(key: KeyFrame, goal: Goal, warmth: int) -> SkinMap:
     """F of all skin of a person. Where the face has none of its own, the rest goes as the curves of its skin do."""
-    skin = _skin_map(key, goal) if goal.semantic else None
+    skin = _skin_map(key, goal, warmth) if goal.semantic else None
     if skin is not None:
         return skin
     of_face = on_skin(key)

@@ -37,6 +37,7 @@ from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.track_keys import TrackKeys
 from pvg.vectorization.track_notes import TrackNotes
 from pvg.vectorization.veil import VeilWatch
+from pvg.warmth import warmth_of
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _LIPS_EVERY = 8  # frames from one look for lips that were not seen yet to the next
@@ -89,6 +90,7 @@ class VectorFace:
         self._notes = TrackNotes(begin.first)
         self._keys = TrackKeys(begin.first, key.row, threads, seed)
         self._haze = key.haze
+        self._warmth = 0 if key.scene is None else warmth_of(key.scene.rgb, key.scene.person)
         model = fit_skin_model(key.picture, key.landmarks, method=method, haze=key.haze)
         self._skin = SkinTracker(model)
         self._body = None if model.learned is None else BodyTracker(model.learned)
@@ -197,7 +199,7 @@ class VectorFace:
             person=index,
             warnings=tuple(warnings),
         )
-        return FaceRecord(summary, self._keys.all(), self._haze)
+        return FaceRecord(summary, self._keys.all(), self._haze, self._warmth)
 
     def _begin_key(self) -> None:
         """Begin to fit the key view's colours and let go of its picture, once."""

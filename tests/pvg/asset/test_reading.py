@@ -332,22 +332,26 @@ def test_colours_go_over_from_key_frame_to_key_frame(source: Path, tmp_path: Pat
         assert sum(record.served()) == FRAMES
 
 
-@pytest.mark.parametrize("haze", [0, 70])
-def test_a_face_keeps_the_haze_that_it_was_seen_through(source: Path, tmp_path: Path, haze: int) -> None:
+@pytest.mark.parametrize(("haze", "warmth"), [(0, 0), (70, 31)])
+def test_a_face_keeps_the_haze_and_the_warmth_that_it_was_seen_in(
+    source: Path, tmp_path: Path, haze: int, warmth: int
+) -> None:
     with AssetWriter(tmp_path / "clip.pvg") as writer:
         for i in range(FRAMES):
             writer.add_frame(0, frame_arrays(i))
-        writer.add_face(FaceRecord(SUMMARY, (key_frame(),), haze))
+        writer.add_face(FaceRecord(SUMMARY, (key_frame(),), haze, warmth))
         writer.finish(manifest_of(source, FIRST + FRAMES))
     with open_asset(tmp_path / "clip.pvg") as video:
-        assert [record.haze for record in video.records] == [haze]
+        assert [(record.haze, record.warmth) for record in video.records] == [(haze, warmth)]
 
 
-def test_an_asset_of_before_there_was_word_of_haze_is_clear(asset: Path, tmp_path: Path) -> None:
+def test_an_asset_of_before_there_was_word_of_haze_and_warmth_has_neither(asset: Path, tmp_path: Path) -> None:
     with open_asset(asset) as video:
         manifest = dict(video.manifest)
-    faces = [{name: value for name, value in face.items() if name != "haze"} for face in manifest["faces"]]
+    faces = [
+        {name: value for name, value in face.items() if name not in {"haze", "warmth"}} for face in manifest["faces"]
+    ]
     older = Path(shutil.copy(asset, tmp_path / "older.pvg"))
     replace_manifest(older, {**manifest, "faces": faces})
     with open_asset(older) as video:
-        assert [record.haze for record in video.records] == [0]
+        assert [(record.haze, record.warmth) for record in video.records] == [(0, 0)]

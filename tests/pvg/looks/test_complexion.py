@@ -36,6 +36,25 @@ def test_ashen_skin_gains_chroma_and_keeps_its_lightness() -> None:
     assert after[0] == pytest.approx(before[0], abs=1.0)
 
 
+RICH = (60.0, 20.0, 28.0)  # 0.57
+
+
+@pytest.mark.parametrize(("warmth", "share"), [(0, 0.0), (10, 0.0), (18, 0.25), (26, 0.5), (100, 0.5)])
+def test_in_warm_surroundings_half_of_what_the_clips_skin_has_more_of_is_taken(warmth: int, share: float) -> None:
+    plain, warm = (median_lab(complexion(skin(TAN), skin(RICH), 1.0, one)) for one in (0, warmth))
+    before, after, own = (float(np.hypot(*lab[1:])) for lab in (plain, warm, median_lab(skin(RICH))))
+    assert own - before > 4
+    assert (after - before) / (own - before) == pytest.approx(share, abs=0.08)
+    assert np.degrees(np.arctan2(*warm[:0:-1])) == pytest.approx(np.degrees(np.arctan2(*plain[:0:-1])), abs=1.0)
+
+
+def test_what_is_richer_than_the_clips_skin_stays_as_it_is_there() -> None:
+    for own in (TAN, ASHEN):
+        np.testing.assert_array_equal(complexion(skin(TAN), skin(own), 1.0, 60), complexion(skin(TAN), skin(own), 1.0))
+    reference = skin(TAN)
+    assert complexion(reference, skin(RICH), 0.0, 60) is reference  # as it is, is what was asked for
+
+
 def test_the_clips_own_skin_bounds_it() -> None:
     own = skin(ASHEN, chroma=1.15)
     _, saturation = lightness_and_saturation(complexion(skin(ASHEN), own, 1.0))
