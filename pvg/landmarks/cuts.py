@@ -76,7 +76,7 @@ class Change:
         return len(way) > RESTING_STEPS and 1 - float(way[-1 - RESTING_STEPS]) < OVER_RESTS
 
     def steps_since(self, share: float, part: Floats) -> int:
-        """How many steps before the last it had gone a share of the way within a part of the picture.
+        """How many steps before the last it had gone a share of the way within a part of the picture; 0 if that stayed.
 
         part: (4,) x0, y0, x1, y1 in shares of the picture.
         """
@@ -84,7 +84,7 @@ class Change:
         x0, y0 = np.minimum(part[:2] * (width, height), (width - 1, height - 1)).astype(int)
         x1, y1 = np.ceil(part[2:] * (width, height)).astype(int)
         way = _way(self.lumas[:, y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)])
-        return len(way) - 1 - int((way < share).sum())
+        return int((way[:-1] >= share).sum())
 
 
 class CutDetector:

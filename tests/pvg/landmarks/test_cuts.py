@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.landmarks.cuts import DISSOLVE_REACH, RESTING_STEPS, CutDetector
+from pvg.landmarks.cuts import DISSOLVE_REACH, RESTING_STEPS, Change, CutDetector
 from tests.gallery.pictures import background
 
 WHOLE = np.array([0, 0, 1, 1], np.float32)
@@ -58,6 +58,15 @@ def test_a_part_of_a_picture_that_is_wiped_has_a_middle_of_its_own() -> None:
     for place in (0.2, 0.5, 0.8):
         part = np.array([place - 0.1, 0.2, place + 0.1, 0.8], np.float32)
         assert abs(30 - change.steps_since(0.5, part) - 25 * place) <= 2
+
+
+def test_a_part_that_stays_goes_over_with_the_last_picture() -> None:
+    """A still, or a drawn frame, beside a film that dissolves: its cut is not laid into frames to come."""
+    lumas = np.random.default_rng(0).uniform(0, 255, (25, 36, 64)).astype(np.float32)
+    lumas[:, :18, :32] = lumas[0, :18, :32]
+    change = Change(lumas, 24)
+    assert change.steps_since(0.5, np.array([0, 0, 0.5, 0.5], np.float32)) == 0
+    assert change.steps_since(0.1, np.array([0, 0, 0.5, 0.5], np.float32)) == 0
 
 
 def test_a_picture_that_passes_by_has_not_gone_over() -> None:
