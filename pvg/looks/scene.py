@@ -54,7 +54,7 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     gain = np.exp(-share * np.sign(brighter) * (far - borne))
     poorer = ramp(rich / max(own_rich, 1e-6), *_AS_RICH)
     hue = poorer * _ending(off, *_POORER) + (1.0 - poorer) * off * _kept(off / _HUE)
-    kept = 1.0 - share * (1.0 - hue / max(off, 1e-6))
+    kept = 1.0 - share * (1.0 - hue / off) if off > 0.0 else 1.0
     colors = to_opponent(reference)
     (bright, pale), (_, own_pale) = _bright(colors), _bright(to_opponent(own))
     pales = pale - own_pale - richer

@@ -75,6 +75,17 @@ def test_bright_skin_pales_as_the_clips_does_as_far_as_its_middle_is_the_clips()
     assert taken == pytest.approx(0.6, abs=0.05)
 
 
+def test_bright_skin_of_a_reference_whose_middle_is_the_clips_is_left_as_it_is() -> None:
+    """To the bit, as references of the same person in the same room may be, or nearly."""
+    own = skin(TAN)
+    burnt = own.copy()
+    bright = own[:, 0] > np.quantile(own[:, 0], 0.8)
+    burnt[bright] += (10, 20, 40)
+    for off in (0.0, 1e-7, 1e-3):
+        reference = burnt.astype(np.float64) + np.array((off, 0, 0))
+        np.testing.assert_allclose(in_scene(reference, own, 1.0), np.clip(reference, 0, 255), atol=0.01)
+
+
 def test_a_reference_that_burns_out_as_the_clip_does_is_as_before() -> None:
     burnt, own = with_glare(skin(TAN), 0.5), with_glare(skin(DARK), 0.5)
     tone, rich = median(in_scene(burnt, own, 1.0))[1], saturation_of_bright(in_scene(burnt, own, 1.0))
