@@ -30,10 +30,12 @@ class Appearances:
     def __init__(self, step: int) -> None:
         self._step = step
         self._views: dict[OpenTrack, FaceViews] = {}
+        self._seen: list[FaceViews] = []  # of those that the last frame showed
 
     def forget(self) -> None:
         """Begin anew, at a cut."""
         self._views.clear()
+        self._seen.clear()
 
     def look(self, tracks: Sequence[OpenTrack], index: int, picture: Picture) -> None:
         """Remember how the faces of a frame look."""
@@ -41,14 +43,15 @@ class Appearances:
         seen = [track for track in tracks if track.last == index and not track.is_carried]
         for track in seen:
             self._views[track].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
+        self._seen = [self._views[track] for track in seen]
 
     def show_another(self) -> bool:
-        """Whether another person seems to have taken the place of one of them."""
-        return any(views.show_another() for views in self._views.values())
+        """Whether another person seems to have taken the place of one of those that were looked at last."""
+        return any(views.show_another() for views in self._seen)
 
     def show_same(self) -> bool:
-        """Whether one of them is surely who it was."""
-        return any(views.show_same() for views in self._views.values())
+        """Whether one of those that were looked at last is surely who it was: who is lost may have gone."""
+        return any(views.show_same() for views in self._seen)
 
     def whose(self, mesh: Mesh, finders: Sequence[OpenTrack], lost: Sequence[OpenTrack], picture: Picture) -> OpenTrack:
         """Whose face it is that tracks have found, while others nearby are lost: that of the one that it is likest to.

@@ -323,6 +323,21 @@ def test_who_comes_with_a_wipe_and_is_alike_is_another_person(
     assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (cut, 83)]
 
 
+def test_who_has_gone_with_the_picture_does_not_speak_for_who_is_alike(
+    portrait: np.ndarray, samples: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two people one is lost in the wipe: how she looked before says nothing of who has the other's place."""
+    monkeypatch.setattr(FaceViews, "show_another", lambda _: False)
+    pale = read_rgb(samples.pale_portrait)
+    one, other = (window(whole, fit_surest(whole).points.mean(axis=0)) for whole in (portrait, pale))
+    wall = cv2.resize(background(5), (400, 400))
+    two, alone = np.concatenate([one, one[:, ::-1]], axis=1), np.concatenate([other, wall], axis=1)
+    result = track_faces(wiped(two, alone, 10))
+    (cut,) = result.cuts
+    assert 30 < cut < 40
+    assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (0, cut - 1), (cut, 69)]
+
+
 def test_a_track_that_is_split_gives_no_colours_while_it_may_show_two_faces(mesh: Mesh) -> None:
     track = OpenTrack(0, mesh)
     for index in range(6):
