@@ -42,9 +42,6 @@ def configure(level: str) -> None:
         logger.propagate = True
     # the request log is ours; the migration's own lines are noise
     logging.getLogger("uvicorn.access").disabled = True
-    logging.getLogger("alembic").setLevel(logging.WARNING)
-    # that of Celery's pool: each step of each process
-    logging.getLogger("multiprocessing").setLevel(logging.WARNING)
-    # addresses that others name may hold secrets
-    for name in ("httpx", "httpcore"):
-        logging.getLogger(name).setLevel(logging.WARNING)
+    # so are those of Celery's pool, of each step of each process; addresses that others name may hold secrets
+    for name in ("alembic", "multiprocessing", "httpx", "httpcore"):
+        logging.getLogger(name).setLevel(max(number, logging.WARNING))

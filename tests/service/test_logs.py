@@ -38,3 +38,23 @@ def test_a_traceback_shows_no_values_of_variables(is_terminal: bool) -> None:
     assert done.stderr.count("RuntimeError: boom") == 2
     assert done.stderr.count("in answer") == 2
     assert "s3cret" not in done.stderr
+
+
+LEVELS = """
+import logging, sys
+from service.logs import configure
+
+configure("{level}")
+for name in ("alembic", "multiprocessing", "httpx", "service"):
+    for said in (logging.INFO, logging.WARNING, logging.ERROR):
+        logging.getLogger(name).log(said, "said")
+"""
+
+
+@pytest.mark.parametrize(("level", "lines"), [("DEBUG", 9), ("WARNING", 8), ("ERROR", 4)])
+def test_nothing_below_the_level_that_is_asked_for_is_logged(level: str, lines: int) -> None:
+    """Of some libraries no line below a warning is at any level."""
+    done = subprocess.run(
+        [sys.executable, "-c", LEVELS.format(level=level)], capture_output=True, text=True, check=True
+    )
+    assert len(done.stderr.splitlines()) == lines
