@@ -10,8 +10,8 @@ Skin that is richer, redder or yellower than skin is, flushed, burnt out or unde
 another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
 and no yellower, though never beyond the clip's own.
 
-In warm surroundings skin of daylight looks grey, and the clip's own is rich. Half of what that has more of is taken
-there, a fifth of chroma at most, in the hue that is given.
+In warm surroundings skin of daylight looks grey, and the clip's own is rich. Three quarters of the chroma that it has
+more are taken there, a fifth at most, in the hue that is given.
 
 In a grey film or a faded picture, skin as rich as a reference's would be the only colour and look painted: it takes
 only a part of the chroma that the reference's skin has beyond the clip's own.
@@ -39,10 +39,9 @@ _GREY, _DULL = (0.72, 0.55), (0.90, 0.72)
 _DARKENED, _DARK = 8.0, (66.0, 60.0)
 _IN_DULL = 0.6  # of what is richer than the clip's own skin, where that is dull
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
-# of 100, the warmth of surroundings from which on skin keeps chroma and in which it does so most, and how much of what
-# the clip's skin has more of, and of all chroma at most [by blind choice: half rather than nothing; dark skin in a lamp's
-# light has a lot more, and what is made bright by it would be orange]
-_WARM, _WARMER, _WARMEST = (10.0, 26.0), 0.5, 0.2
+# of 100, the warmth of surroundings from which on skin keeps chroma and in which it does so most; how much of the C*
+# that the clip's skin has more, and of all at most [by blind choice; by C*/L* what is made brighter would be orange]
+_WARM, _WARMER, _WARMEST = (10.0, 26.0), 0.75, 0.2
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
 _AS_RICH = 6.0  # C*, over which a clip that is as rich says how red skin may be by its hue too [by eye]
@@ -69,7 +68,7 @@ def complexion(reference: Floats, own: Floats, scene: float, warmth: int = 0) ->
     richer = max(has - max(_saturation(bound), least), 0.0)
     borne = has - scene * _greyness(bound, *_DULL) * (1.0 - _IN_DULL) * richer
     gain = 1.0 + scene * (min(max(borne, least) / max(has, 1e-6), _GAIN) - 1.0)
-    more = max(_saturation(bound) / max(gain * has, 1e-6) - 1.0, 0.0)
+    more = max(_chroma_and_hue(bound)[0] / max(gain * _chroma_and_hue(lab)[0], 1e-6) - 1.0, 0.0)
     gain *= 1.0 + scene * ramp(float(warmth), *_WARM) * min(_WARMER * more, _WARMEST)
     if gain == 1.0:
         return skin
