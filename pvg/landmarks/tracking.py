@@ -163,7 +163,7 @@ class FaceTracker:
         for track in tracks:
             if track.last < cut:
                 self.closed.append(track)
-            elif track.first > first:
+            elif track.first >= began:
                 self.open.append(track)
             else:
                 self.open.append(track.split(cut, min(began, cut)))

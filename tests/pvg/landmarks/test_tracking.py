@@ -338,6 +338,26 @@ def test_who_has_gone_with_the_picture_does_not_speak_for_who_is_alike(
     assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (0, cut - 1), (cut, 69)]
 
 
+@pytest.mark.parametrize("shown", [16, 24])
+def test_who_is_found_shortly_before_a_dissolve_is_not_who_comes_by_it(
+    portrait: np.ndarray, samples: Samples, shown: int
+) -> None:
+    """Also where that is within the time by which the cut may be laid back, but before the picture began to change."""
+    pale = read_rgb(samples.pale_portrait)
+    before, after = (window(one, fit_surest(one).points.mean(axis=0)) for one in (portrait, pale))
+    hidden = before.copy()
+    hidden[60:340, 60:340] = cv2.GaussianBlur(before, (0, 0), 60)[60:340, 60:340]
+    shares = np.clip((np.arange(80) - 30) / 14, 0, 1)
+    frames = [
+        (k, cv2.addWeighted(hidden if k < shown else before, 1 - share, after, share, 0))
+        for k, share in enumerate(shares)
+    ]
+    result = track_faces(frames)
+    (cut,) = result.cuts
+    assert abs(cut - 37) <= 2
+    assert [(track.first, track.last) for track in result.tracks] == [(shown, cut - 1), (cut, 79)]
+
+
 def test_a_track_that_is_split_gives_no_colours_while_it_may_show_two_faces(mesh: Mesh) -> None:
     track = OpenTrack(0, mesh)
     for index in range(6):
