@@ -223,7 +223,7 @@ def test_a_swap_recolours_both(service: Service, clip: Path, samples: Samples, t
     assert drawn is not None
     assert source is not None
     assert drawn.shape == source.shape
-    assert np.abs(drawn.astype(int) - source).max() > 30
+    assert np.abs(drawn.astype(int) - source).max() > 20
 
 
 def of_faces(look: dict[str, Any]) -> list[str]:
