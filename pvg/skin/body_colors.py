@@ -5,10 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from pvg._arrays import Floats, smoothstep
-from pvg.skin.color_model import LEAST_CHROMA, SkinColors, to_skin_lab
+from pvg.skin.color_model import LEAST_CHROMA, ColorScale, SkinColors, to_skin_lab
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY = SKIN_PRIOR.body
+
+
+def greyness(along: Floats, scale: ColorScale) -> Floats:
+    """Nats against skin for the chroma that colours lack, by how far they are from the skin's along its hue.
+
+    along: in spreads, of any shape, see `ColorScale.of_hue`.
+    """
+    chroma = max(float(np.hypot(*scale.center[1:])), LEAST_CHROMA)
+    missing = np.maximum(0, _BODY.least_chroma - 1 - along * float(scale.spread[1:].mean()) / chroma)
+    return np.asarray(_BODY.grey * missing**2 * min(1.0, chroma / SKIN_PRIOR.colors.full_chroma))
 
 
 def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
@@ -22,9 +32,7 @@ def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
     lab = to_skin_lab(np.asarray(grid, np.float32))
     center, spread = colors.scale.center, colors.scale.spread
     along, across = colors.scale.of_hue(lab)
-    chroma = max(float(np.hypot(*center[1:])), LEAST_CHROMA)
-    missing = np.maximum(0, _BODY.least_chroma - 1 - along * float(spread[1:].mean()) / chroma)
-    grey = _BODY.grey * missing**2 * min(1.0, chroma / SKIN_PRIOR.colors.full_chroma)
+    grey = greyness(along, colors.scale)
     away = (lab[..., 0] - center[0]) / spread[0]
     light = np.maximum(np.abs(away) - _BODY.light_free, 0) / _BODY.light
     seen = colors.evidence(lab)

@@ -31,18 +31,24 @@ with mock.patch.object(lifeline, "die_with_starter"), mock.patch.object(SandboxS
 """
 
 
-@pytest.mark.parametrize("module", ["worker.app", "worker.previews.app"])
-def test_a_worker_says_as_json_that_it_loads_before_it_does(module: str, tmp_path: Path) -> None:
+def logged(code: str, data_dir: Path) -> str:
+    """What a process of Python that runs so writes to its log."""
     done = subprocess.run(
-        [sys.executable, "-c", STARTED.format(module=module)],
-        env=os.environ | {"PVG_DATA_DIR": str(tmp_path)},
+        [sys.executable, "-c", code],
+        env=os.environ | {"PVG_DATA_DIR": str(data_dir)},
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
-    lines = [json.loads(line) for line in done.stderr.splitlines() if "loading what jobs need" in line]
-    assert [(line["level"], line["logger"]) for line in lines] == [("info", "worker.sandbox.keeper")], done.stderr
+    return done.stderr
+
+
+@pytest.mark.parametrize("module", ["worker.app", "worker.previews.app"])
+def test_a_worker_says_as_json_that_it_loads_before_it_does(module: str, tmp_path: Path) -> None:
+    log = logged(STARTED.format(module=module), tmp_path)
+    lines = [json.loads(line) for line in log.splitlines() if "loading what jobs need" in line]
+    assert [(line["level"], line["logger"]) for line in lines] == [("info", "worker.sandbox.keeper")], log
 
 
 WARNED = """
@@ -64,16 +70,9 @@ runpy.run_module("{module}", run_name="__main__")
 
 @pytest.mark.parametrize("module", ["worker", "worker.previews"])
 def test_what_celery_and_its_pool_warn_of_is_json_too(module: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WARNED.format(module=module)],
-        env=os.environ | {"PVG_DATA_DIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    told = [(line["level"], line["event"]) for line in map(json.loads, done.stderr.splitlines())]
-    assert [level for level, _ in told] == ["warning", "error"][: len(told)], done.stderr
+    log = logged(WARNED.format(module=module), tmp_path)
+    told = [(line["level"], line["event"]) for line in map(json.loads, log.splitlines())]
+    assert [level for level, _ in told] == ["warning", "error"][: len(told)], log
     assert "UserWarning: of the start" in told[0][1]
     # the one of previews has no processes
     assert [event for _, event in told[1:]] == ["a process of the pool has ended"] * (module == "worker")

@@ -298,10 +298,17 @@ def wiped(before: np.ndarray, after: np.ndarray, length: int = 24, hold: int = 3
         yield index, np.concatenate([after[:, :edge], before[:, edge:]], axis=1)
 
 
+def two_people(portrait: np.ndarray, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Windows of two portraits with the face in the middle of each."""
+    one, other = (
+        window(rgb, fit_surest(rgb).points.mean(axis=0)) for rgb in (portrait, read_rgb(samples.pale_portrait))
+    )
+    return one, other
+
+
 @pytest.mark.parametrize("frame_rate", [25, 50, 120])
 def test_who_comes_with_a_wipe_is_another_person(portrait: np.ndarray, samples: Samples, frame_rate: int) -> None:
-    pale = read_rgb(samples.pale_portrait)
-    before, after = (window(one, fit_surest(one).points.mean(axis=0)) for one in (portrait, pale))
+    before, after = two_people(portrait, samples)
     step = round(frame_rate / 25)
     result = track_faces(wiped(before, after, 24 * step, 30 * step), frame_rate=frame_rate)
     (cut,) = result.cuts
@@ -315,8 +322,7 @@ def test_who_comes_with_a_wipe_and_is_alike_is_another_person(
 ) -> None:
     """Where views of two faces do not differ, the picture tells."""
     monkeypatch.setattr(FaceViews, "show_another", lambda _: False)
-    pale = read_rgb(samples.pale_portrait)
-    before, after = (window(one, fit_surest(one).points.mean(axis=0)) for one in (portrait, pale))
+    before, after = two_people(portrait, samples)
     result = track_faces(wiped(before, after))
     (cut,) = result.cuts
     assert abs(cut - 42) <= 2
@@ -328,8 +334,7 @@ def test_who_has_gone_with_the_picture_does_not_speak_for_who_is_alike(
 ) -> None:
     """Of two people one is lost in the wipe: how she looked before says nothing of who has the other's place."""
     monkeypatch.setattr(FaceViews, "show_another", lambda _: False)
-    pale = read_rgb(samples.pale_portrait)
-    one, other = (window(whole, fit_surest(whole).points.mean(axis=0)) for whole in (portrait, pale))
+    one, other = two_people(portrait, samples)
     wall = cv2.resize(background(5), (400, 400))
     two, alone = np.concatenate([one, one[:, ::-1]], axis=1), np.concatenate([other, wall], axis=1)
     result = track_faces(wiped(two, alone, 10))
@@ -343,8 +348,7 @@ def test_who_is_found_shortly_before_a_dissolve_is_not_who_comes_by_it(
     portrait: np.ndarray, samples: Samples, shown: int
 ) -> None:
     """Also where that is within the time by which the cut may be laid back, but before the picture began to change."""
-    pale = read_rgb(samples.pale_portrait)
-    before, after = (window(one, fit_surest(one).points.mean(axis=0)) for one in (portrait, pale))
+    before, after = two_people(portrait, samples)
     hidden = before.copy()
     hidden[60:340, 60:340] = cv2.GaussianBlur(before, (0, 0), 60)[60:340, 60:340]
     shares = np.clip((np.arange(80) - 30) / 14, 0, 1)
