@@ -105,10 +105,11 @@ def hair_fraction(
 
 
 @kernel()
-def median_levels(rgb: Bytes, sample: Bools, out: Doubles) -> int:
-    """out (3,) = the median of each channel of rgb (h, w, 3) where `sample` (h, w) is; the number of such cells.
+def level_quantiles(rgb: Bytes, sample: Bools, shares: Doubles, out: Doubles) -> int:
+    """out (n, 3) = quantiles of each channel of rgb (h, w, 3) where `sample` (h, w) is; the number of such cells.
 
-    By counting levels: sorting them takes ten times as long. Between two middle ones it is half-way; of none it is 0.
+    shares: (n,) in [0, 1], 0.5 of a median. By counting levels: sorting them takes ten times as long. Between two
+    levels a quantile is half-way; of no cells it is 0.
     """
     counts = np.zeros((3, 256), np.int64)
     total = 0
@@ -118,14 +119,18 @@ def median_levels(rgb: Bytes, sample: Bools, out: Doubles) -> int:
                 total += 1
                 for k in range(3):
                     counts[k, rgb[i, j, k]] += 1
-    for k in range(3):
-        out[k] = 0.0
-        for place in ((total - 1) // 2, total // 2):
-            level, below = 0, counts[k, 0]
-            while below <= place and level < 255:
-                level += 1
-                below += counts[k, level]
-            out[k] += 0.5 * level
+    for n in range(len(shares)):
+        at = shares[n] * max(total - 1, 0)
+        for k in range(3):
+            out[n, k] = 0.0
+            for place in (int(np.floor(at)), int(np.ceil(at))):
+                level, below = 0, counts[k, 0]
+                while below <= place and level < 255:
+                    level += 1
+                    below += counts[k, level]
+                out[n, k] += 0.5 * level
+            if total == 0:
+                out[n, k] = 0.0
     return total
 
 

@@ -10,25 +10,34 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, ramp, short_turn
-from pvg.skin._kernels import median_levels
+from pvg.skin._kernels import level_quantiles
 from pvg.skin.color_model import to_skin_lab
 from pvg.skin.parameters import SKIN_PRIOR
 
 _LIGHT = SKIN_PRIOR.light
 
+_MIDDLE, _MIDDLE_AND_LIT = np.array([0.5]), np.array([0.5, _LIGHT.lit])
+
 MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
 
 def face_color(rgb: Bytes, sample: Bools) -> Floats:
-    """(3,) median colour of the middle of a face, RGB levels: the cells `sample` (h, w) bool of rgb (h, w, 3)."""
-    color = median_color(rgb, sample)
-    return np.full(3, MID_GREY, np.float32) if color is None else np.maximum(color, np.float32(_LIGHT.dimmest))
+    """(3,) median colour of the middle of a face, RGB levels: the cells `sample` (h, w) bool of rgb (h, w, 3).
+
+    A face of which more than half lies in the shade counts as brighter than its median, so that its lit part is not
+    driven into white where that is brought to usual light (`gain_of`).
+    """
+    levels = np.empty((2, 3), np.float64)
+    if not level_quantiles(rgb, sample, _MIDDLE_AND_LIT, levels):
+        return np.full(3, MID_GREY, np.float32)
+    middle, lit = np.maximum(levels, _LIGHT.dimmest)
+    return np.asarray(middle * max(1.0, float(lit.max()) * _LIGHT.level / 255 / float(middle.max())), np.float32)
 
 
 def median_color(rgb: Bytes, sample: Bools) -> Floats | None:
     """(3,) the median of rgb (h, w, 3) in the cells `sample` (h, w), channel by channel; None where there are none."""
-    color = np.empty(3, np.float64)
-    return color.astype(np.float32) if median_levels(rgb, sample, color) else None
+    color = np.empty((1, 3), np.float64)
+    return color[0].astype(np.float32) if level_quantiles(rgb, sample, _MIDDLE, color) else None
 
 
 def most_chroma(rgb: Bytes, visible: Bools, color: Floats) -> float:

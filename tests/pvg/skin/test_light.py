@@ -17,6 +17,17 @@ def test_the_median_of_levels_is_that_of_sorted_ones(cells: int, levels: tuple[i
     np.testing.assert_array_equal(median_color(rgb, sample), np.median(rgb[sample], axis=0))
 
 
+def test_the_lit_part_of_a_face_in_the_shade_is_not_driven_into_white() -> None:
+    rgb = np.full((10, 10, 3), (80, 60, 50), np.uint8)
+    rgb[:, 7:] = (220, 190, 160)
+    everywhere = np.ones((10, 10), np.bool_)
+    gain = gain_of(face_color(rgb, everywhere))
+    assert (gain * rgb[0, 0]).max() < 160
+    assert 200 < (gain * rgb[0, 9]).max() <= 255
+    rgb[:, 7:] = (120, 90, 75)  # a face in even light has such cells
+    np.testing.assert_array_equal(face_color(rgb, everywhere), (80, 60, 50))
+
+
 def test_where_nothing_of_a_face_is_seen_its_colour_is_grey() -> None:
     rgb, nothing = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4), np.bool_)
     assert median_color(rgb, nothing) is None

@@ -78,6 +78,17 @@ def test_a_roll_neck_is_no_neck(knitted: tuple[int, ...]) -> None:
     assert skin_mask(rgb, scene.landmarks)[clothes].mean() < 0.05
 
 
+def test_a_face_half_in_the_shade_is_all_skin() -> None:
+    """A window from one side: what it lights would be driven into white where the shade is brought to usual light."""
+    scene = drawn_face(width=130, center=(160, 150), tone=((236, 196, 172), (110, 105, 100)))
+    left, right = (float(end(scene.landmarks.points[:, 0])) for end in (np.min, np.max))
+    shade = np.clip((right - 0.3 * (right - left) - np.arange(scene.rgb.shape[1])) / 14, 0, 1)
+    rgb = (scene.rgb * (1 - 0.5 * shade[:, None] * scene.skin[..., None])).astype(np.uint8)
+    matte = SkinTracker(fit_skin_model(rgb, scene.landmarks)).step(rgb, scene.landmarks)
+    for mask in (skin_mask(rgb, scene.landmarks), mask_of(matte, rgb.shape)):
+        assert mask[scene.skin & (shade == 0)].mean() > 0.95  # 0.83 of it
+
+
 def test_a_tie_of_the_skins_colour_is_left_out() -> None:
     scene = drawn_face()
     chin = scene.landmarks.points[layout.CHIN]
