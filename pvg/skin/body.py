@@ -119,7 +119,7 @@ class BodyTracker:
 
         probability = fused(by_rules, asked.predicted, _believed(seen, oval))
         of_face = face.alpha_at(*(np.asarray(v, np.float32) for v in scene.raster.centers()))
-        fill_gaps(probability, of_face, asked.predicted, hair, head.size)
+        fill_gaps(probability, of_face, asked.predicted, hair, seen, gain)
         fill_small_holes(probability, of_face, head.size)
         fill_highlights(probability, of_face, seen, self._scale, gain)
         share = _owned(scene, landmarks, head)

@@ -7,9 +7,10 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.raster import Raster
-from pvg.skin.cleanup import occupied
-from pvg.skin.color_model import ColorScale, to_skin_lab
+from pvg.skin.cleanup import goes_over, occupied
+from pvg.skin.color_model import ColorScale
 from pvg.skin.face_in_scene import FaceInScene
+from pvg.skin.light import lab_in_light
 from pvg.skin.matte import Matte
 from pvg.skin.parameters import SKIN_PRIOR
 
@@ -34,25 +35,33 @@ def beyond_box(face: Matte, raster: Raster, face_mask: Floats, by_rules: Floats,
     return np.maximum(face_mask, cut[labels].astype(np.float32))
 
 
-def fill_gaps(probability: Floats, face: Floats, predicted: Floats, hair: Floats, size: float) -> None:
+def fill_gaps(
+    probability: Floats, face: Floats, predicted: Floats, hair: Floats, seen: FaceInScene, gain: Floats
+) -> None:
     """Raise the probability (h, w), in place, where a hand on the face is cut by the end of the face's matte.
 
     Around the face nothing counts as the body's, and the face's matte ends with its box: what lies between both, is no
-    hair and skin to the network is their hand's or neck's. All (h, w);  face: its matte in [0, 1];
-    predicted: by the network;  hair: log-odds of hair, nats;  size: a face size in cells.
+    hair and skin to the network is their hand's or neck's. It goes over into them, where a collar begins at an edge.
+    All (h, w);  face: its matte in [0, 1];  predicted: by the network;  hair: log-odds of hair, nats;
+    seen, gain: see `hair_odds`.
     """
     likely, of_face = (where.astype(np.uint8) for where in (probability > 0.5, face > _BODY.gap_face))
-    side = 2 * max(1, round(_BODY.gap * size)) + 1
+    side = 2 * max(1, round(_BODY.gap * seen.head.size)) + 1
     either = likely | of_face
     closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, _square(side))
     gap = (closed > either) & (predicted > _BODY.gap_predicted) & (hair < _BODY.gap_hair)
     if not gap.any():
         return
-    count, labels = cv2.connectedComponents(gap.astype(np.uint8), connectivity=8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(gap.astype(np.uint8), connectivity=8)
     beside = [cv2.dilate(one, _square(3)) > 0 for one in (likely, of_face)]
     between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)
-    between[0] = False
-    np.copyto(probability, np.maximum(probability, predicted), where=between[labels])
+    for part in np.flatnonzero(between[1:]) + 1:
+        x, y, w, h = (int(v) for v in stats[part, :4])
+        box = slice(max(0, y - 1), y + h + 1), slice(max(0, x - 1), x + w + 1)
+        inside = labels[box] == part
+        skin = either[box].view(np.bool_)
+        if goes_over(lab_in_light(seen.rgb[box], gain), inside, skin) >= _BODY.gap_over:
+            np.copyto(probability[box], np.maximum(probability[box], predicted[box]), where=inside)
 
 
 def fill_small_holes(probability: Floats, face: Floats, size: float) -> None:
@@ -113,8 +122,7 @@ def leave_out_hair(probability: Floats, seen: FaceInScene, hair: Floats, scale: 
         ring = far & ~near & around[box]
         if int(ring.sum()) < least:
             continue
-        lit = np.asarray(np.clip(np.rint(seen.rgb[box] * gain), 0, 255), np.uint8)
-        if _is_of_hair(to_skin_lab(lit), inside, ring, mean_hair, scale):
+        if _is_of_hair(lab_in_light(seen.rgb[box], gain), inside, ring, mean_hair, scale):
             probability[box][inside] = 0.0
 
 

@@ -106,3 +106,13 @@ def _line(step: Floats) -> Bytes:
     ends = [tuple(int(v) for v in np.rint(center + sign * step / 2)) for sign in (-1, 1)]
     cv2.line(element, ends[0], ends[1], (1,), 1)
     return element
+
+
+def goes_over(lab: Floats, part: Bools, skin: Bools) -> float:
+    """The share of a part's outline over which it goes over into skin without an edge.  All (h, w), lab (h, w, 3)."""
+    own = part.astype(np.float32)
+    outline = (cv2.dilate(part.view(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~part
+    count = np.maximum(cv2.blur(own, (3, 3), borderType=cv2.BORDER_CONSTANT), 1e-6)
+    beside = cv2.blur(lab * own[..., None], (3, 3), borderType=cv2.BORDER_CONSTANT) / count[..., None]
+    step = np.linalg.norm((lab - beside)[outline], axis=1)
+    return float((skin[outline] & (step < SKIN_PRIOR.highlights.step)).sum()) / max(int(outline.sum()), 1)

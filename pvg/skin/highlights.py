@@ -12,13 +12,13 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.skin.body_colors import greyness
-from pvg.skin.cleanup import occupied
-from pvg.skin.color_model import ColorScale, to_skin_lab
+from pvg.skin.cleanup import goes_over, occupied
+from pvg.skin.color_model import ColorScale
 from pvg.skin.face_in_scene import FaceInScene
+from pvg.skin.light import lab_in_light
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY, _LIT = SKIN_PRIOR.body, SKIN_PRIOR.highlights
-_BESIDE = np.ones((3, 3), np.uint8)
 
 
 def fill_highlights(probability: Floats, face: Floats, seen: FaceInScene, scale: ColorScale, gain: Floats) -> None:
@@ -32,7 +32,7 @@ def fill_highlights(probability: Floats, face: Floats, seen: FaceInScene, scale:
     least = _LIT.least * seen.head.size**2
     if np.count_nonzero(lit) < least:
         return
-    lit[lit] = _may_be_lit(_lab(seen.rgb[lit][None], gain)[0], scale)
+    lit[lit] = _may_be_lit(lab_in_light(seen.rgb[lit][None], gain)[0], scale)
     if np.count_nonzero(lit) < least:
         return
     cells = occupied(lit.view(np.uint8), 1)
@@ -44,13 +44,8 @@ def fill_highlights(probability: Floats, face: Floats, seen: FaceInScene, scale:
             continue
         box = slice(max(0, y - 1), y + h + 1), slice(max(0, x - 1), x + w + 1)
         inside = labels[box] == part
-        if _goes_over(_lab(rgb[box], gain), inside, skin[box]) >= _LIT.share:
+        if goes_over(lab_in_light(rgb[box], gain), inside, skin[box]) >= _LIT.share:
             likely[box][inside] = _LIT.probability
-
-
-def _lab(rgb: Bytes, gain: Floats) -> Floats:
-    """Colours (h, w, 3) in the key frame's light, see `to_skin_lab`."""
-    return to_skin_lab(np.asarray(np.clip(np.rint(rgb * gain), 0, 255), np.uint8))
 
 
 def _bright(rgb: Bytes, scale: ColorScale, gain: Floats) -> Bools:
@@ -69,13 +64,3 @@ def _may_be_lit(lab: Floats, scale: ColorScale) -> Bools:
     along = np.where(along < 0, along * paled, along)
     squares = (along / np.where(along < 0, *_BODY.along)) ** 2 + (across / _BODY.across) ** 2
     return np.asarray((away > _LIT.lighter) & (_BODY.base - 0.5 * squares - greyness(along, scale) > 0))
-
-
-def _goes_over(lab: Floats, part: Bools, skin: Bools) -> float:
-    """The share of a part's outline over which it goes over into skin without an edge.  All (h, w), lab (h, w, 3)."""
-    own = part.astype(np.float32)
-    outline = (cv2.dilate(part.view(np.uint8), _BESIDE) > 0) & ~part
-    count = np.maximum(cv2.blur(own, (3, 3), borderType=cv2.BORDER_CONSTANT), 1e-6)
-    beside = cv2.blur(lab * own[..., None], (3, 3), borderType=cv2.BORDER_CONSTANT) / count[..., None]
-    step = np.linalg.norm((lab - beside)[outline], axis=1)
-    return float((skin[outline] & (step < _LIT.step)).sum()) / max(int(outline.sum()), 1)

@@ -106,3 +106,8 @@ def relit(rgb: Bytes, gain: Floats) -> Bytes:
         return rgb
     levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(rgb, levels[None]), np.uint8)
+
+
+def lab_in_light(rgb: Bytes, gain: Floats) -> Floats:
+    """Colours (h, w, 3) times a gain (3,), in Lab at one lightness, see `to_skin_lab`."""
+    return to_skin_lab(np.asarray(np.clip(np.rint(rgb * gain), 0, 255), np.uint8))

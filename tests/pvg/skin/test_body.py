@@ -205,19 +205,31 @@ def test_a_small_piece_of_wall_beside_the_head_is_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "hair", "below", "filled"),
-    [(0.9, 0.0, True, True), (0.6, 0.0, True, False), (0.9, 3.0, True, False), (0.9, 0.0, False, False)],
-    ids=["a hand on the face", "no skin to the network", "hair", "nothing beyond"],
+    ("said", "hair", "below", "cloth", "filled"),
+    [
+        (0.9, 0.0, True, False, True),
+        (0.6, 0.0, True, False, False),
+        (0.9, 3.0, True, False, False),
+        (0.9, 0.0, False, False, False),
+        (0.9, 0.0, True, True, False),
+    ],
+    ids=["a hand on the face", "no skin to the network", "hair", "nothing beyond", "a collar"],
 )
 def test_a_gap_between_the_mattes_of_face_and_body_is_their_skin(
-    said: float, hair: float, below: bool, filled: bool
+    said: float, hair: float, below: bool, cloth: bool, filled: bool
 ) -> None:
     probability, face = np.full((100, 60), 0.2, np.float32), np.zeros((100, 60), np.float32)
     face[:40] = 1
     if below:
         probability[52:, 20:40] = 0.95
     gap = slice(40, 52), slice(20, 40)
-    fill_gaps(probability, face, np.full(face.shape, said, np.float32), np.full(face.shape, hair, np.float32), 70.0)
+    rgb = np.full((100, 60, 3), (200, 150, 125), np.uint8)
+    if cloth:
+        rgb[gap] = (240, 236, 220)
+    head = head_shape(drawn_face(width=70, center=(35, 35)).landmarks)
+    seen = FaceInScene(rgb, np.full((100, 60), 255, np.uint8), face, head)
+    by_network, against = np.full(face.shape, said, np.float32), np.full(face.shape, hair, np.float32)
+    fill_gaps(probability, face, by_network, against, seen, np.ones(3, np.float32))
     assert (probability[gap] > 0.5).all() == (probability[gap] > 0.5).any() == filled
     assert probability[:40].max() < 0.5
     assert probability[40:, :10].max() < 0.5
