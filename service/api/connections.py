@@ -24,6 +24,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from service.api.places import has_place
+from service.api.request_ids import request_id_of
 from service.api.targets import in_origin_form
 from service.errors import PROBLEM_JSON, PROBLEMS, ProblemType, problem_body, type_of
 from service.ids import new_id
@@ -332,7 +333,8 @@ class BoundedProtocol(H11Protocol):
         problem = problem_body(kind, detail) | {"type": type_of(kind.type, self._limits.root_path)}
         whose: dict[str, Any] = {"instance": "", "request_id": new_id("req")}
         if cycle is not None and not cycle.response_complete:
-            whose = {"instance": self.scope["path"], "request_id": self.scope["state"].get("request_id", "")}
+            # the application may not have begun: a body's first bytes may come with its head
+            whose = {"instance": self.scope["path"], "request_id": request_id_of(self.scope)}
         self.transport.write(_answer(problem | whose, self.server_state.default_headers, headers))
         self.flow.resume_reading()
         # what the client still sends is read and dropped: closing now could make the kernel throw the answer away

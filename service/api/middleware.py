@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import time
 from urllib.parse import urlsplit, urlunsplit
 
@@ -16,12 +15,10 @@ from service import tracing
 from service.api.meters import Meters
 from service.api.places import Places
 from service.api.problems import problem_response
+from service.api.request_ids import request_id_of
 from service.errors import ServiceError, StoppingError
-from service.ids import new_id
 
 log = structlog.get_logger(__name__)
-
-_ACCEPTED_ID = re.compile(r"[A-Za-z0-9._-]{1,128}")
 
 
 def relative(location: str, root_path: str) -> str:
@@ -66,9 +63,7 @@ class RequestContext:
             return
         if self._root_path:
             scope["root_path"] = self._root_path
-        given = Headers(scope=scope).get("x-request-id", "")
-        request_id = given if _ACCEPTED_ID.fullmatch(given) else new_id("req")
-        scope.setdefault("state", {})["request_id"] = request_id
+        request_id = request_id_of(scope)
         structlog.contextvars.clear_contextvars()
         structlog.contextvars.bind_contextvars(request_id=request_id)
         trace = tracing.parse(_only(Headers(scope=scope).getlist("traceparent")))

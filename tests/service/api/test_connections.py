@@ -291,7 +291,20 @@ def test_connections_are_kept_between_requests_and_requests_may_follow_each_othe
 def test_what_is_no_http_is_a_problem_and_the_connection_closes(service: Service, sent: bytes, status: int) -> None:
     answered, problem, closes = answer_to(service, sent)
     assert (answered, problem["status"], closes) == (status, status, True)
-    assert {"type", "title", "detail", "instance", "request_id"} <= problem.keys()
+    assert {"type", "title", "detail", "instance"} <= problem.keys()
+    assert problem["request_id"].startswith("req_")
+
+
+def test_a_body_that_breaks_http_with_its_first_bytes_is_answered_with_the_requests_id(service: Service) -> None:
+    """The application has not begun when the head and such a body come at once."""
+    broken = (
+        b"POST /videos HTTP/1.1\r\nHost: localhost\r\nX-Request-ID: mine\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n"
+    )
+    with connect(service) as connection:
+        connection.sendall(broken)
+        answer = connection.recv(65536)
+    assert b"\r\nX-Request-ID: mine\r\n" in answer
+    assert json.loads(answer.partition(b"\r\n\r\n")[2])["request_id"] == "mine"
 
 
 CHUNKED = b"POST /livez HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
