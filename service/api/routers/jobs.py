@@ -57,6 +57,7 @@ def load_job(services: Services, caller: Caller, job_id: str) -> JobBody:
 
 @router.get("", response_model=JobPage, responses=UNCHANGED | problems())
 async def list_jobs(
+    request: Request,
     services: ServicesDep,
     caller: CallerDep,
     ids: JobIds = None,
@@ -75,7 +76,8 @@ async def list_jobs(
         raise invalid_values({"/query/id": f"at most {_MAX_IDS} ids"})
     video, reference = (one and one.replace("\0", "") for one in (video, reference))
     wanted = Filter(named, video, reference, state, kind, to_metadata(metadata, "/query/metadata"))
-    most = limit if named is None else _MAX_IDS
+    # those that are named are no more than a page holds
+    most = limit if named is None or "limit" in request.query_params else _MAX_IDS
     page = await services.calls.read(_page, services, caller, wanted, cursor, most)
     return conditional(if_none_match, page)
 

@@ -133,6 +133,10 @@ def test_jobs_are_listed_by_what_is_asked_for(api: Api) -> None:
     assert page["next_cursor"] == second
     assert page["data"][1] == api.client.get(f"/jobs/{second}").json()
     assert listed(cursor=second) == [first, other["job"], video["job"]]
+    named = {"id": f"{first},{second},{third}", "limit": 2}
+    page = api.client.get("/jobs", params=named).json()
+    assert ([job["id"] for job in page["data"]], page["next_cursor"]) == ([third, second], second)
+    assert listed(**named, cursor=second) == [first]
     for wrong in ({"metadata": "order"}, {"metadata": ["a:1", "a:2"]}, {"state": "done"}, {"id": "x," * 201}):
         assert api.client.get("/jobs", params=wrong).status_code == 422
 
