@@ -19,6 +19,7 @@ from service.logs import configure
 from service.queue import celery_settings, make_folders
 from service.settings import Settings
 from worker import connection, lifeline, stopping
+from worker.beginning import or_end
 from worker.heartbeat import Heartbeat, wait_for_weights
 from worker.sandbox import SandboxServer
 
@@ -66,10 +67,11 @@ def _set_up_logging(**_: object) -> None:
 @worker_init.connect  # type: ignore[untyped-decorator]
 def _tie_worker(**_: object) -> None:
     configure(settings.log_level)  # Celery asks for it later
-    lifeline.die_with_starter()
-    wait_for_weights(settings)
-    sandbox.start()  # the pool takes no job before it can do one
-    connection.lose()  # there is none yet
+    with or_end():
+        lifeline.die_with_starter()
+        wait_for_weights(settings)
+        sandbox.start()  # the pool takes no job before it can do one
+        connection.lose()  # there is none yet
 
 
 @worker_process_init.connect  # type: ignore[untyped-decorator]

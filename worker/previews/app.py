@@ -13,6 +13,7 @@ from service.logs import configure
 from service.queue import PREVIEW_TASK, celery_settings, make_folders
 from service.settings import Settings
 from worker import connection, lifeline, stopping
+from worker.beginning import or_end
 from worker.heartbeat import Heartbeat
 from worker.previews.previewer import Previewer
 from worker.sandbox import Sandbox, SandboxServer
@@ -58,11 +59,12 @@ def _set_up_logging(**_: object) -> None:
 @worker_init.connect  # type: ignore[untyped-decorator]
 def _begin(**_: object) -> None:
     configure(settings.log_level)  # Celery asks for it later
-    lifeline.die_with_starter()
-    sandbox.start()
-    _previewer().start()
-    connection.lose()  # there is none yet
-    _heartbeat.start()
+    with or_end():
+        lifeline.die_with_starter()
+        sandbox.start()
+        _previewer().start()
+        connection.lose()  # there is none yet
+        _heartbeat.start()
 
 
 @worker_shutting_down.connect  # type: ignore[untyped-decorator]

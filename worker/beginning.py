@@ -1,0 +1,24 @@
+"""A worker that cannot begin ends, for whoever started it to start it again.
+
+Celery only logs what goes wrong as a worker begins: it would go on, and fail each job that it takes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import structlog
+
+log = structlog.get_logger(__name__)
+
+
+@contextmanager
+def or_end() -> Iterator[None]:
+    """Inside the block an error ends this process, with status 1."""
+    try:
+        yield
+    except Exception:
+        log.exception("the worker cannot begin, and ends")
+        sys.exit(1)
