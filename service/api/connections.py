@@ -16,11 +16,12 @@ import time
 from dataclasses import dataclass
 from enum import Enum, auto
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import h11
 import structlog
 import uvicorn
+from starlette.types import Scope
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from service.api.places import has_place
@@ -334,7 +335,7 @@ class BoundedProtocol(H11Protocol):
         whose: dict[str, Any] = {"instance": "", "request_id": new_id("req")}
         if cycle is not None and not cycle.response_complete:
             # the application may not have begun: a body's first bytes may come with its head
-            whose = {"instance": self.scope["path"], "request_id": request_id_of(self.scope)}
+            whose = {"instance": self.scope["path"], "request_id": request_id_of(cast("Scope", self.scope))}
         self.transport.write(_answer(problem | whose, self.server_state.default_headers, headers))
         self.flow.resume_reading()
         # what the client still sends is read and dropped: closing now could make the kernel throw the answer away
