@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import cv2
 import pytest
@@ -9,11 +9,14 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from pvg import _threads
 from pvg._threads import DEPTH, Sink, ahead, one_blas_thread, one_opencv_thread
+from tests.threads import own_threads
 from tests.waiting import until
 
 
-def alive() -> list[str]:
-    return [thread.name for thread in threading.enumerate() if thread.name.startswith("pvg-")]
+@pytest.fixture
+def alive() -> Callable[[], list[str]]:
+    """What names the library's threads of this test that are there."""
+    return own_threads("pvg-")
 
 
 def blas_threads() -> set[int]:
@@ -60,12 +63,12 @@ def test_opencv_has_one_thread_from_the_first_block_to_the_last_and_its_own_afte
         cv2.setNumThreads(before)
 
 
-def test_items_made_ahead_come_whole_and_in_order() -> None:
+def test_items_made_ahead_come_whole_and_in_order(alive: Callable[[], list[str]]) -> None:
     assert list(ahead(iter(range(100)), depth=3)) == list(range(100))
     assert alive() == []
 
 
-def test_an_error_comes_after_the_items_made_before_it() -> None:
+def test_an_error_comes_after_the_items_made_before_it(alive: Callable[[], list[str]]) -> None:
     def broken() -> Iterator[int]:
         yield 1
         yield 2
@@ -79,7 +82,7 @@ def test_an_error_comes_after_the_items_made_before_it() -> None:
     assert alive() == []
 
 
-def test_leaving_early_ends_the_thread_and_closes_the_source() -> None:
+def test_leaving_early_ends_the_thread_and_closes_the_source(alive: Callable[[], list[str]]) -> None:
     closed = threading.Event()
 
     def endless() -> Iterator[int]:
@@ -112,7 +115,7 @@ def test_only_a_few_items_are_made_ahead() -> None:
     assert len(made) <= 1 + 2 + 2  # taken, in the queue, one waiting to be put, one after the queue was emptied
 
 
-def test_a_sink_does_all_work_in_order_before_it_is_left() -> None:
+def test_a_sink_does_all_work_in_order_before_it_is_left(alive: Callable[[], list[str]]) -> None:
     done: list[int] = []
     with Sink(done.append) as sink:
         for k in range(5 * DEPTH):
@@ -121,7 +124,7 @@ def test_a_sink_does_all_work_in_order_before_it_is_left() -> None:
     assert alive() == []
 
 
-def test_a_failing_sink_raises_once_drops_the_rest_and_never_blocks() -> None:
+def test_a_failing_sink_raises_once_drops_the_rest_and_never_blocks(alive: Callable[[], list[str]]) -> None:
     done: list[int] = []
 
     def work(item: int) -> None:
@@ -140,7 +143,7 @@ def test_a_failing_sink_raises_once_drops_the_rest_and_never_blocks() -> None:
     assert alive() == []
 
 
-def test_an_error_outside_drops_what_still_waits() -> None:
+def test_an_error_outside_drops_what_still_waits(alive: Callable[[], list[str]]) -> None:
     go, done = threading.Event(), []
 
     def work(item: int) -> None:

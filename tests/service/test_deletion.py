@@ -53,6 +53,7 @@ from tests.service.queue.test_broker import messages
 from tests.service.s3 import S3
 from tests.service.servers import fresh_database
 from tests.side_by_side import at_once
+from tests.threads import own_threads
 from tests.waiting import until
 from worker.runner import Runner
 from worker.sandbox import MethodError, Sandbox
@@ -265,6 +266,7 @@ def test_a_store_that_is_away_or_slow_keeps_no_round_of_the_reaper(
     monkeypatch.setattr(services.storage, "delete", delete)
     with services.background.write() as session:
         tombstones.bury(session, [f"result/{number}" for number in range(100)], now=services.database.now())
+    sweeping = own_threads("sweep-blobs")
     deleted = services.reaper.delete()
     until(lambda: tries)
     assert len(tries) == (3 if how == "slow" else 1)
@@ -276,7 +278,7 @@ def test_a_store_that_is_away_or_slow_keeps_no_round_of_the_reaper(
     with services.database.read() as session:  # what it did not come to is put off little, or not at all
         assert session.query(Tombstone).filter(Tombstone.attempts == 0).count() >= 90
     answers.set()
-    until(lambda: "sweep-blobs" not in {thread.name for thread in threading.enumerate()})
+    until(lambda: not sweeping())
 
 
 @pytest.mark.parametrize("api", ["folder"], indirect=True)
@@ -285,15 +287,15 @@ def test_deletions_from_a_store_that_hangs_keep_a_few_threads(api: Api, monkeypa
     services, answers = api.services, threading.Event()
     blobs = Blobs(services.background, services.storage)
     monkeypatch.setattr("service.blobs.PATIENCE_S", 0.0)
-    keys = [f"result/{number}" for number in range(40)]
+    keys, deleting = [f"result/{number}" for number in range(40)], own_threads("delete-blobs")
     with monkeypatch.context() as patch:
         patch.setattr(services.storage, "delete", lambda _: answers.wait(60))
         for key in keys:
             blobs.discard([key])
-        deleting = [thread.name for thread in threading.enumerate()].count("delete-blobs")
+        begun = len(deleting())
         answers.set()
-        until(lambda: "delete-blobs" not in {thread.name for thread in threading.enumerate()})
-    assert deleting == 16
+        until(lambda: not deleting())
+    assert begun == 16
     assert buried(api) == 24
     blobs.discard(keys)
     until(lambda: not buried(api))

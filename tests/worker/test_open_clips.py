@@ -19,6 +19,7 @@ from service.storage import BlobMissingError, Storage
 from tests.folders import files_below
 from tests.service.s3 import S3
 from tests.service.servers import Wire
+from tests.threads import own_threads
 from tests.waiting import until
 from tests.worker.sandbox.test_sandbox import server
 from worker.previews.open_clips import Clip, OpenClips
@@ -190,9 +191,9 @@ def remote(tmp_path: Path, server: SandboxServer, bucket: S3, wire: Wire) -> Ite
 
 def test_a_file_that_comes_too_late_for_one_question_is_there_for_the_next(remote: Remote, wire: Wire) -> None:
     wire.hang()
-    threading.Timer(3, wire.connect).start()
     with pytest.raises(TimeLimitError):
         remote.ask(0, seconds=1)
+    threading.Timer(2, wire.connect).start()  # it is waited for by then
     assert remote.ask(0) == "source/0"
     assert sorted(remote.storage.asked) == ["asset/0", "source/0"]
 
@@ -280,13 +281,13 @@ def test_nor_of_one_that_is_deleted_while_its_file_comes(remote: Remote, wire: W
 
 
 def test_a_worker_that_stops_waits_for_no_file(tmp_path: Path, server: SandboxServer, bucket: S3, wire: Wire) -> None:
-    others = set(threading.enumerate())  # what a test that failed has left, too
+    copying = own_threads("copies")
     with remote_clips(tmp_path, server, bucket.storage_url) as remote:
         wire.hang()
         with pytest.raises(TimeLimitError):
             remote.ask(0, seconds=0.5)
     until(lambda: not list(remote.spool.iterdir()))
-    until(lambda: not [one for one in set(threading.enumerate()) - others if one.name.startswith("copies")])
+    until(lambda: not copying())
     wire.connect()
 
 
