@@ -56,10 +56,10 @@ def test_addresses_that_sqlalchemy_reads_are_taken() -> None:
 
 
 def test_a_long_address_of_a_database_is_refused_at_once() -> None:
-    began = time.process_time()
+    began = time.thread_time()
     with pytest.raises(ValidationError, match="database_url"):
         Settings(database_url=f"postgresql://{'a@' * 20_000}h:x")
-    assert time.process_time() - began < 1
+    assert time.thread_time() - began < 1
 
 
 def test_an_address_of_a_database_that_is_none_is_refused_and_not_quoted() -> None:

@@ -61,7 +61,7 @@ def write(path: Path, manifest: object, entries: dict[str, bytes], method: int =
 def bounded(path: Path) -> str | None:
     """Read it; what the error says, None when there is none."""
     tracemalloc.start()
-    began = time.process_time()
+    began = time.thread_time()
     try:
         read_all(path)
         said = None
@@ -71,7 +71,7 @@ def bounded(path: Path) -> str | None:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
     assert peak < MEMORY_BYTES
-    assert time.process_time() - began < SECONDS
+    assert time.thread_time() - began < SECONDS
     return said
 
 

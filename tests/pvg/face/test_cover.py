@@ -18,7 +18,7 @@ def test_a_cover_is_one_within_and_nothing_far_off() -> None:
 
 
 def test_a_blur_wider_than_all_that_is_asked_for_takes_no_longer() -> None:
-    began = time.process_time()
+    began = time.thread_time()
     cover, _ = soft_cover(100 * SQUARE, 5000.0, (100, 100))
-    assert time.process_time() - began < 5.0
+    assert time.thread_time() - began < 5.0
     assert max(cover.shape) <= 6 * 100
