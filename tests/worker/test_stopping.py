@@ -252,14 +252,20 @@ def being_answered(service: Service) -> int:
 
 
 def slowly(told: threading.Event, pieces: int, content: bytes) -> Iterator[bytes]:
-    """A body of which the first piece goes out at once, and the others when the service was told to stop."""
+    """A body of which the first piece goes out at once, and the others from when the service was told to stop."""
     size = len(content) // pieces
     for number in range(pieces):
         if number == 1:
             told.wait(60)
+            began = time.monotonic()
         yield content[number * size : None if number == pieces - 1 else (number + 1) * size]
         if number:
-            time.sleep(0.3)
+            sleep_until(began + 0.3 * number)
+
+
+def sleep_until(at: float) -> None:
+    """Wait until this second of the steady clock: what goes on step by step has its own pace on a busy machine, too."""
+    time.sleep(max(0.0, at - time.monotonic()))
 
 
 def test_an_upload_and_a_download_in_flight_are_finished_by_a_service_that_stops(
@@ -290,9 +296,9 @@ def test_an_upload_and_a_download_in_flight_are_finished_by_a_service_that_stops
             unready_s = time.monotonic() - at
             assert not upload.done()
             told.set()
-            for piece in pieces:
+            for number, piece in enumerate(pieces):
                 received += piece
-                time.sleep(0.015)
+                sleep_until(at + 0.015 * number)
             downloaded_s = time.monotonic() - at
             answer = upload.result(90)
             uploaded_s = time.monotonic() - at

@@ -324,8 +324,9 @@ def test_a_body_of_thousands_of_tiny_chunks_is_refused(service: Service, size: i
 
 @pytest.fixture
 def full(tmp_path: Path) -> Iterator[Api]:
-    """An API of few connections, which waits long for who takes no answer."""
-    yield from serve(Settings(data_dir=tmp_path, reap_interval_s=3600, max_connections=20, send_timeout_s=3600))
+    """An API of few connections, which waits long for who takes no answer or sends no body."""
+    patient = {"send_timeout_s": 3600, "body_timeout_s": 3600}
+    yield from serve(Settings(data_dir=tmp_path, reap_interval_s=3600, max_connections=20, **patient))
 
 
 def leave_unread(api: Api, stack: ExitStack, number: int) -> None:
