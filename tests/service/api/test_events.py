@@ -262,5 +262,5 @@ def test_who_waits_for_a_job_that_ended_and_was_deleted_between_two_looks_waits_
     with api.services.database.write() as session:  # no look comes in between
         jobs.cancel(session, job_id, now=api.services.database.now())
         sweep.delete_job(session, job_id, now=api.services.database.now())
-    client.join(10)
+    client.join(50)  # before the time of the wait is over
     assert [one.status_code for one in heard] == [200 if how == "events" else 404]
