@@ -60,13 +60,14 @@ def fill_holes(mask: Bools) -> Bools:
     return filled
 
 
-def face_component(skin: Bools, prior: SpatialPrior) -> Bools:
+def face_component(skin: Bools, certain: Bools, prior: SpatialPrior) -> Bools:
     """A face's skin of raw skin cells (h, w): the component of the face, ears that hair cuts off from it, no holes.
 
     Beards and the shadow under the chin are closed, so that they cut nothing off.
+    certain: (h, w) bool, of the foreground, what is skin whatever the raw cells say.
     """
     raw = cv2.morphologyEx(skin.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
-    raw |= prior.foreground
+    raw |= certain
     line = _line(prior.closing.step)
     closed = cv2.dilate(raw.astype(np.uint8), line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     closed = cv2.erode(closed, line, borderType=cv2.BORDER_CONSTANT, borderValue=0)

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from pvg import models
-from pvg._arrays import Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats
 from pvg.raster import Raster
 from pvg.skin.light import MID_GREY, median_color
 from pvg.skin.parameters import SKIN_PRIOR
@@ -66,12 +66,12 @@ def network_fields(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floa
     return np.stack(fields).astype(np.float32)
 
 
-def refined(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
-    """The probability of skin (h, w) float32 anew; the arguments are those of `network_fields`.
+def certain(prior: SpatialPrior, predicted: Floats) -> Bools:
+    """(h, w) bool: the foreground but for hair that hangs over cheeks, which the network is sure is no skin.
 
-    Log-odds are the weighted mean of the rules' and the network's: each errs where the other does not.
+    predicted: (h, w) its probability of skin, see `predict_skin`.
     """
-    return fused(probability, predict_skin(rgb, prior, probability))
+    return prior.foreground & (predicted > _NETWORK.denied)
 
 
 def predict_skin(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:

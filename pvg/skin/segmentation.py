@@ -112,7 +112,7 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     hair, shade = np.zeros((2, *shape), np.float32)
     for _ in range(_LEARNING.rounds - 1):
         evidence = _evidence(lessons.colors(probability), lessons.bins, hair, shade)
-        skin = face_component(_log_odds(evidence, prior, visible) > 0, prior) & visible
+        skin = face_component(_log_odds(evidence, prior, visible) > 0, prior.foreground, prior) & visible
         probability = logistic(evidence + _LEARNING.prior_weight * prior.log_odds)
         taken, refused = np.maximum(probability, _LEARNING.agree), np.minimum(probability, _LEARNING.disagree)
         probability = np.where(skin, taken, refused)
@@ -121,8 +121,10 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
             hair, shade = hair_cover(rgb, skin, prior, found), deep_shade(rgb, prior, found)
     colors = lessons.colors(probability)
     by_rules = logistic(_log_odds(_evidence(colors, lessons.bins, hair, shade), prior, visible))
-    final = np.where(visible, network.refined(rgb, prior, by_rules), 0)
-    mask = face_component(minimum_cut(rgb, network.log_odds(final)), prior) & visible
+    predicted = network.predict_skin(rgb, prior, by_rules)
+    final = np.where(visible, network.fused(by_rules, predicted), 0)
+    cut = minimum_cut(rgb, network.log_odds(final))
+    mask = face_component(cut, network.certain(prior, predicted), prior) & visible
     return Segmentation(mask, colors, prior, color, rgb)
 
 

@@ -111,7 +111,10 @@ class SkinTracker:
             probability = _of_people(probability, scene.people(raster), prior)
         probability = probability * (1 - collar(lit, probability, head_shape(own)))
         was = None if before is None else (before.skin, before.keep)
-        mask, skin = held(probability, was, lambda _, likely: face_component(likely, prior), _TRACKING.edge_blur)
+        certain = network.certain(prior, predicted)
+        mask, skin = held(
+            probability, was, lambda _, likely: face_component(likely, certain, prior), _TRACKING.edge_blur
+        )
         self._before = _Left(grey, skin, predicted)
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), skin.alpha * prior.fade * (1 - occluder)

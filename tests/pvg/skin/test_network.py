@@ -9,7 +9,7 @@ import pytest
 from pvg.face import Landmarks
 from pvg.skin import face_box, network, skin_mask
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import spatial_prior
+from pvg.skin.prior import SpatialPrior, spatial_prior
 from tests.conftest import Samples
 from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import drawn_face
@@ -38,6 +38,10 @@ def face(request: pytest.FixtureRequest, samples: Samples) -> tuple[np.ndarray, 
     return np.ascontiguousarray(rgb[y0:y1, x0:x1]), landmarks.moved(-np.array([x0, y0], np.float32))
 
 
+def _refined(rgb: np.ndarray, prior: SpatialPrior, probability: np.ndarray) -> np.ndarray:
+    return network.fused(probability, network.predict_skin(rgb, prior, probability))
+
+
 def test_a_hole_in_a_forehead_is_mended_and_a_patch_of_wall_is_no_skin(face: tuple[np.ndarray, Landmarks]) -> None:
     rgb, landmarks = face
     mask = skin_mask(rgb, landmarks)
@@ -54,7 +58,7 @@ def test_a_hole_in_a_forehead_is_mended_and_a_patch_of_wall_is_no_skin(face: tup
     assert mask[cheek].all()
     assert not mask[wall].any()
     spoiled = np.where(cheek, 0.2, np.where(wall, 0.8, by_rules)).astype(np.float32)
-    found = network.refined(rgb, prior, spoiled)
+    found = _refined(rgb, prior, spoiled)
     assert (found[cheek] > 0.5).mean() > 0.9
     assert (found[wall] > 0.5).mean() < 0.1
 
@@ -63,5 +67,5 @@ def test_a_mask_that_is_right_stays(face: tuple[np.ndarray, Landmarks]) -> None:
     rgb, landmarks = face
     mask = skin_mask(rgb, landmarks)
     prior = spatial_prior(rgb.shape[:2], landmarks)
-    found = network.refined(rgb, prior, np.where(mask, 0.95, 0.05).astype(np.float32)) > 0.5
+    found = _refined(rgb, prior, np.where(mask, 0.95, 0.05).astype(np.float32)) > 0.5
     assert (found & mask).sum() / (found | mask).sum() > 0.95

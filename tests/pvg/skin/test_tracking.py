@@ -15,6 +15,7 @@ from pvg.raster import Raster
 from pvg.skin import Matte, SceneReader, SkinTracker, fit_skin_model, network, scene_raster, skin_mask
 from pvg.skin import Scene as WholePicture
 from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import SpatialPrior, face_area
 from tests.gallery.scenes import Scene, alpha_of, drawn_face, grown, mask_of, with_forehead
 
 
@@ -98,6 +99,31 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     monkeypatch.setattr(network, "predict_skin", predict)
     return means
+
+
+@pytest.mark.parametrize("denied", [True, False])
+def test_hair_over_a_cheek_is_no_skin_where_the_network_is_sure(monkeypatch: pytest.MonkeyPatch, denied: bool) -> None:
+    """The foreground is skin whatever the rules say, and long hair hangs into it."""
+    scene = drawn_face(width=130, center=(160, 150))
+    left = scene.landmarks.points[:, 0].min()
+    hair = scene.skin & (np.arange(scene.rgb.shape[1]) < left + 24)
+    says = network.predict_skin
+    sure = 0.01 if denied else 0.2
+
+    def predict(rgb: np.ndarray, prior: SpatialPrior, by_rules: np.ndarray) -> np.ndarray:
+        end = np.flatnonzero(prior.face.any(axis=0))[0] + 24 * prior.size / 130
+        over = np.arange(rgb.shape[1]) < end
+        return np.asarray(np.where(over, sure, says(rgb, prior, by_rules)), np.float32)
+
+    monkeypatch.setattr(network, "predict_skin", predict)
+    rgb = scene.rgb.copy()
+    rgb[hair] = (70, 50, 40)
+    model = fit_skin_model(rgb, scene.landmarks)
+    mask = mask_of(SkinTracker(model).step(rgb, scene.landmarks), rgb.shape)
+    within = hair & face_area(rgb.shape[:2], scene.landmarks)
+    within[:, int(left) + 18 :] = False
+    assert (mask[within].mean() < 0.1) == denied
+    assert mask[scene.skin & ~hair].mean() > 0.9
 
 
 def test_the_network_is_asked_in_every_fourth_frame_and_its_answer_moves_along(asked: list[int]) -> None:
