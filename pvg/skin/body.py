@@ -133,7 +133,9 @@ class BodyTracker:
         parts = partial(body_parts, seen=seen)
         mask, skin = held(probability, self._skin_before(scene), parts, _EDGE_BLUR)
         self._before = scene.rgb, skin
-        return Matte.over(scene.raster.box, in_levels(skin.alpha), mask)
+        # where the picture does not say where skin ends, the cells' steps would be seen
+        soft = cv2.GaussianBlur(skin.alpha, (0, 0), _BODY.edge_soft)
+        return Matte.over(scene.raster.box, in_levels(np.asarray(soft, np.float32)), mask)
 
     def _asked_before(self, scene: Scene) -> _Asked | None:
         """What was asked in a scene before, where its cells are now; None in a scene in which it is asked anew."""
