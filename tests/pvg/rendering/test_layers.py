@@ -51,7 +51,7 @@ def test_low_and_high_frequencies_add_up_to_the_image_on_skin(
     x0, y0, x1, y1 = placed.window
     skin = np.zeros(layers["image"].shape[:2], np.bool_)
     skin[y0:y1, x0:x1] = placed.alpha == 1  # of faces alone: at their edges a body's matte makes up for what they leave
-    assert skin.sum() > 100_000
+    assert skin.sum() > 50_000
     added = layers["low"][skin].astype(int) + layers["high"][skin] - 128
     unclipped = (layers["high"][skin] > 0) & (layers["high"][skin] < 255) & (layers["low"][skin] < 255)
     assert unclipped.mean() > 0.9
