@@ -191,6 +191,30 @@ _LED = """async (apart) => {
     return [Number((before.currentTime - 10).toFixed(3)), Number(before.playbackRate.toFixed(3))];
   });
 }"""
+#: where both clips are while the browser finds their ends; they begin at 2, and 4 seconds after that is wanted, then 1
+_FOUND = """async () => {
+  const { Player } = await import(new URL('player.js', document.querySelector('script[type=module]').src));
+  const made = () => {
+    const video = Object.assign(new EventTarget(), {
+      at: 2, playbackRate: 1, duration: 3, paused: true, ended: false, error: null, requestVideoFrameCallback() {},
+    });
+    const currentTime = { get: () => video.at, set: (to) => { video.at = Math.min(to, video.duration); } };
+    return Object.defineProperty(video, 'currentTime', currentTime);
+  };
+  const [before, after] = [made(), made()];
+  const player = new Player(before, after, { rate: 24, length: 7 });
+  for (const one of [before, after]) one.dispatchEvent(new Event('loadeddata'));
+  const found = (video, end) => {
+    video.duration = end;
+    video.dispatchEvent(new Event('durationchange'));
+    return [before.currentTime, after.currentTime];
+  };
+  player.time = 4;
+  const places = [found(after, 5), found(after, 7), found(before, 7)];
+  player.time = 9;
+  player.time = 1;
+  return [...places, found(after, 12)];
+}"""
 #: put the clip before so far from the one after, once in each round of them; whether they are together soon after that
 _MET = """(by) => {
   const [before, after] = document.querySelectorAll('#picture video');
@@ -224,6 +248,10 @@ def test_of_two_clips_that_play_as_one_that_before_is_held_to_that_after(desk: D
     for by in (0.2, 1):
         page.evaluate("() => { window.seenAt = Infinity; }")
         guarded.until(_MET, by)
+
+
+def test_two_clips_go_where_they_are_wanted_once_the_browser_knows_that_they_are_so_long(desk: Desk) -> None:
+    assert desk.guarded.open().evaluate(_FOUND) == [[3, 5], [3, 6], [6, 6], [3, 3]]
 
 
 def test_a_look_whose_clip_was_deleted_meanwhile_is_told_of(desk: Desk, tiny_clip: Path) -> None:

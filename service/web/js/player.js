@@ -13,6 +13,8 @@ export const isShown = (video) => video.videoWidth > 0;
 export class Player extends EventTarget {
   /** video → the time of its first frame */
   #starts = new Map();
+  /** the time that is wanted and lies after the end that the browser knows of so far */
+  #ahead = null;
 
   constructor(before, after, { rate, length }) {
     super();
@@ -25,6 +27,10 @@ export class Player extends EventTarget {
     });
     after.addEventListener("seeking", () => this.#align());
     after.addEventListener("timeupdate", () => this.#tell());
+    after.addEventListener("durationchange", () => {
+      if (this.#ahead !== null) this.time = this.#ahead;
+    });
+    before?.addEventListener("durationchange", () => this.#align());
     after.addEventListener("ended", () => {
       if (!this.loops) return;
       this.time = 0;
@@ -51,10 +57,13 @@ export class Player extends EventTarget {
 
   set time(seconds) {
     if (!this.#starts.has(this.after)) return; // nothing is loaded yet
-    this.after.currentTime = this.#start(this.after) + Math.min(Math.max(0, seconds), this.duration);
+    const wanted = Math.max(0, seconds);
+    this.#ahead = wanted > this.duration ? wanted : null;
+    this.after.currentTime = this.#start(this.after) + Math.min(wanted, this.duration);
     this.#align();
   }
 
+  /** Of a file that begins later than at 0, Chromium finds the end only as it reads on, and jumps no further than that. */
   get duration() {
     const { duration } = this.after;
     return Number.isFinite(duration) ? duration - this.#start(this.after) : this.length;
