@@ -76,8 +76,9 @@ def _tie_worker(**_: object) -> None:
 
 @worker_process_init.connect  # type: ignore[untyped-decorator]
 def _tie_child(**_: object) -> None:
-    lifeline.die_with_parent()
-    _heartbeat.start()
+    with or_end():
+        lifeline.die_with_parent()
+        _heartbeat.start()
 
 
 @worker_process_shutdown.connect  # type: ignore[untyped-decorator]

@@ -133,7 +133,7 @@ class BodyTracker:
         parts = partial(body_parts, seen=seen)
         mask, skin = held(probability, self._skin_before(scene), parts, _EDGE_BLUR)
         self._before = scene.rgb, skin
-        # where the picture does not say where skin ends, the cells' steps would be seen
+        # the picture decides within the edge as it is drawn; where it does not say, the cells' steps would be seen
         soft = cv2.GaussianBlur(skin.alpha, (0, 0), _BODY.edge_soft)
         return Matte.over(scene.raster.box, in_levels(np.asarray(soft, np.float32)), mask)
 

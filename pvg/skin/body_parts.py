@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.raster import Raster
 from pvg.skin.cleanup import goes_over, occupied
 from pvg.skin.color_model import ColorScale
@@ -60,8 +60,9 @@ def fill_gaps(
         box = slice(max(0, y - 1), y + h + 1), slice(max(0, x - 1), x + w + 1)
         inside = labels[box] == part
         skin = either[box].view(np.bool_)
-        if goes_over(lab_in_light(seen.rgb[box], gain), inside, skin) >= _BODY.gap_over:
-            np.copyto(probability[box], np.maximum(probability[box], predicted[box]), where=inside)
+        share = ramp(goes_over(lab_in_light(seen.rgb[box], gain), inside, skin), *_BODY.gap_over)
+        raised = probability[box] + share * np.maximum(predicted[box] - probability[box], 0)
+        np.copyto(probability[box], raised.astype(np.float32), where=inside)
 
 
 def fill_small_holes(probability: Floats, face: Floats, size: float) -> None:

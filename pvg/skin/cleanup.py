@@ -1,4 +1,4 @@
-"""Connected components of masks, holes and narrow bridges."""
+"""Connected components of masks, holes, narrow bridges, and what goes over into skin without an edge."""
 
 from __future__ import annotations
 
@@ -43,6 +43,20 @@ def largest_component(mask: Bools, near: Bools | None = None) -> Bools:
     return largest
 
 
+def held_components(mask: Bools, certain: Bools, least: float) -> Bools:
+    """The 4-connected components of `mask` (h, w) that hold more than `least` of the `certain` cells (h, w).
+
+    Where none does, the largest that touches them.
+    """
+    main = largest_component(mask, certain)
+    if main[certain & mask].all():
+        return main
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
+    held = np.bincount(labels[certain & mask], minlength=count) > least
+    held[0] = False
+    return np.asarray(main | held[labels], np.bool_)
+
+
 def _component_at(mask: Bools, cell: int) -> Bools:
     """The 4-connected component of one cell, counted row by row, of `mask` (h, w): a third of labelling all."""
     marks = mask.astype(np.uint8)
@@ -64,7 +78,8 @@ def face_component(skin: Bools, certain: Bools, prior: SpatialPrior) -> Bools:
     """A face's skin of raw skin cells (h, w): the component of the face, ears that hair cuts off from it, no holes.
 
     Beards and the shadow under the chin are closed, so that they cut nothing off.
-    certain: (h, w) bool, of the foreground, what is skin whatever the raw cells say.
+    certain: (h, w) bool, of the foreground, what is skin whatever the raw cells say; what lies before a face, such as
+    a strand of hair, may cut it into several parts.
     """
     raw = cv2.morphologyEx(skin.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
     raw |= certain
@@ -72,7 +87,8 @@ def face_component(skin: Bools, certain: Bools, prior: SpatialPrior) -> Bools:
     closed = cv2.dilate(raw.astype(np.uint8), line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     closed = cv2.erode(closed, line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     raw |= closed.astype(np.bool_) & prior.closing.within
-    main = _without_bridges(largest_component(raw, prior.foreground), prior)
+    least = _CLEANUP.least_part * prior.size**2
+    main = _without_bridges(held_components(raw, certain, least), certain, prior)
     rest = raw & ~main
     if not (rest & prior.ears).any():
         return fill_holes(main)
@@ -80,19 +96,19 @@ def face_component(skin: Bools, certain: Bools, prior: SpatialPrior) -> Bools:
     reach = max(1, round(_CLEANUP.ear_gap * prior.size))
     near = cv2.dilate(main.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)).astype(np.bool_)
     touched = np.bincount(labels[near & prior.ears], minlength=count) > 0
-    kept = touched & (stats[:, cv2.CC_STAT_AREA] > _CLEANUP.least_part * prior.size**2)
+    kept = touched & (stats[:, cv2.CC_STAT_AREA] > least)
     kept[0] = False
     return fill_holes(main | kept[labels])
 
 
-def _without_bridges(main: Bools, prior: SpatialPrior) -> Bools:
+def _without_bridges(main: Bools, certain: Bools, prior: SpatialPrior) -> Bools:
     """`main` (h, w) without what hangs on the neck by a narrow bridge: ties, stripes, locks of hair."""
     neck = prior.neck > _CLEANUP.neck_weight
     reach = max(1, round(_CLEANUP.bridge * prior.size))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     # what lies beyond the picture counts as skin, or a neck cut by its edge would be thinned
     core = cv2.erode(main.astype(np.uint8), disc).astype(np.bool_) | (main & ~neck)
-    core = largest_component(core, prior.foreground)
+    core = held_components(core, certain, _CLEANUP.least_part * prior.size**2)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 3, 2 * reach + 3))
     wide: Bools = main & (cv2.dilate(core.astype(np.uint8), disc).astype(np.bool_) | ~neck)
     return wide

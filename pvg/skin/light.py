@@ -16,7 +16,7 @@ from pvg.skin.parameters import SKIN_PRIOR
 
 _LIGHT = SKIN_PRIOR.light
 
-_MIDDLE, _MIDDLE_AND_LIT = np.array([0.5]), np.array([0.5, _LIGHT.lit])
+_MIDDLE, _MIDDLE_AND_LIT = np.array([0.5]), np.array([0.5, *_LIGHT.lit])
 
 MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
@@ -27,10 +27,14 @@ def face_color(rgb: Bytes, sample: Bools) -> Floats:
     A face of which more than half lies in the shade counts as brighter than its median, so that its lit part is not
     driven into white where that is brought to usual light (`gain_of`).
     """
-    levels = np.empty((2, 3), np.float64)
+    levels = np.empty((len(_MIDDLE_AND_LIT), 3), np.float64)
     if not level_quantiles(rgb, sample, _MIDDLE_AND_LIT, levels):
         return np.full(3, MID_GREY, np.float32)
-    middle, lit = np.maximum(levels, _LIGHT.dimmest)
+    levels = np.maximum(levels, _LIGHT.dimmest)
+    middle, lit = (
+        levels[0],
+        levels[1:].mean(axis=0),
+    )  # of several quantiles: one leaps where light and shade have an edge
     return np.asarray(middle * max(1.0, float(lit.max()) * _LIGHT.level / 255 / float(middle.max())), np.float32)
 
 
@@ -110,4 +114,4 @@ def relit(rgb: Bytes, gain: Floats) -> Bytes:
 
 def lab_in_light(rgb: Bytes, gain: Floats) -> Floats:
     """Colours (h, w, 3) times a gain (3,), in Lab at one lightness, see `to_skin_lab`."""
-    return to_skin_lab(np.asarray(np.clip(np.rint(rgb * gain), 0, 255), np.uint8))
+    return to_skin_lab(relit(rgb, gain))

@@ -66,12 +66,17 @@ def network_fields(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floa
     return np.stack(fields).astype(np.float32)
 
 
-def certain(prior: SpatialPrior, predicted: Floats) -> Bools:
+def certain(prior: SpatialPrior, predicted: Floats, before: Floats | None = None) -> Bools:
     """(h, w) bool: the foreground but for hair that hangs over cheeks, which the network is sure is no skin.
 
-    predicted: (h, w) its probability of skin, see `predict_skin`.
+    A network that denies most of it does not see the face at all, and is not asked.
+    predicted: (h, w) its probability of skin, see `predict_skin`;  before: (h, w) in [0, 1], the mask of the frame
+    before, moved: what was skin stays so a little longer, and what was none as well.
     """
-    return prior.foreground & (predicted > _NETWORK.denied)
+    denied = np.float32(_NETWORK.denied) * (1 if before is None else np.float32(1.5) - before)
+    kept: Bools = prior.foreground & (predicted > denied)
+    least = _NETWORK.sees * np.count_nonzero(prior.foreground)
+    return kept if np.count_nonzero(kept) >= least else prior.foreground
 
 
 def predict_skin(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:

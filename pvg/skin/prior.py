@@ -126,7 +126,7 @@ class SpatialPrior:
     fade: float32 in [0, 1], 1, falling to 0 where the box ends and at the sides of a bare chest;
     outside: float32 distance from the face contour in face sizes, 0 inside;
     face: bool, as all that follow, the inside of the contour;
-    foreground: skin or a feature of the face whatever its colour, the certain part of a trimap;
+    foreground: skin or a feature of the face whatever its colour, see `pvg.skin.network.certain`;
     sample: the part of `foreground` that shows the skin's colour;  cheeks: that of `sample` below glasses;
     features: brows, eyes and lips, grown;  ears: where ears can be;  forehead: all above the brows' middle line;
     along, off: float32, face sizes from the chin along the neck, and off its axis;

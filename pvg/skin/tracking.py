@@ -111,7 +111,7 @@ class SkinTracker:
             probability = _of_people(probability, scene.people(raster), prior)
         probability = probability * (1 - collar(lit, probability, head_shape(own)))
         was = None if before is None else (before.skin, before.keep)
-        certain = network.certain(prior, predicted)
+        certain = network.certain(prior, predicted, None if before is None else before.skin.mask)
         mask, skin = held(
             probability, was, lambda _, likely: face_component(likely, certain, prior), _TRACKING.edge_blur
         )

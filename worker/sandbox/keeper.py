@@ -67,13 +67,18 @@ class SandboxServer:
             end.close()
 
     def _run(self) -> None:
+        try:
+            self._keep()
+        finally:
+            self._ready.set()  # if it never could begin, `start` says so
+
+    def _keep(self) -> None:
         while not self._stop.is_set():
             try:
                 self._serve()
             except OSError as error:  # no memory, processes or descriptors, for a while
                 log.error("the process that jobs are forked from cannot be started", error=error.strerror)
             if not self.pid:
-                self._ready.set()  # it never could: `start` says so
                 return
             if not self._stop.wait(_AGAIN_S):
                 log.error("the process that jobs are forked from has ended, starting it again", pid=self.pid)
@@ -92,9 +97,9 @@ class SandboxServer:
                 os.close(writing)
             told = pipe.read()  # it closes its end once it is ready, or when it ends
         if told:
-            self.pid = self._process.pid
             if not self._ready.is_set():
                 _say(json.loads(told))
+            self.pid = self._process.pid
             self._ready.set()
         self._process.wait()
 

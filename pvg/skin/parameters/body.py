@@ -83,7 +83,7 @@ class BodyNumbers:
     gap_face: float = 0.9  # of the face's matte [by eye]: what has less may be of a gap
     gap_predicted: float = 0.75  # probability at least that the network gives a gap [by eye]
     gap_hair: float = 1.0  # nats for hair at most [by eye]
-    gap_over: float = 0.3  # of its outline, over which it goes into skin without an edge [measured: a collar 0.25]
+    gap_over: Range = (0.25, 0.4)  # of its outline that goes over into skin [measured: 0.25 collars, 0.46 skin]
     beyond: float = 0.8  # probability by the rules beyond the face's box [measured: 0.5 to 0.9 alike]: skin goes on
     hole: float = 0.01  # squared face sizes [by eye]: larger holes in a person's skin show what is behind
     hole_probability: float = 0.9  # probability of skin in smaller ones [by eye]

@@ -141,7 +141,7 @@ class LightNumbers:
 
     level: float = 160.0  # of a face's brightest channel, 8-bit [measured: 128 and 170 on clips at 5 to 25 % of light]
     most: float = 5.0  # times [by eye]: beyond there is but noise
-    lit: float = 0.85  # quantile of a face's levels [measured: from 0.9 on more of lit faces, and cloth beside them]
+    lit: tuple[float, ...] = (0.77, 0.81, 0.85, 0.89, 0.93)  # quantiles of a face's levels [measured: beside one alone]
     hue: float = 48.0  # degrees of CIELAB [measured: the middle of 40 faces of the media folder, 28 to 80]
     strange: Range = (33.0, 48.0)  # degrees off it [measured: as above]: from a skin's own hue to the light's
     hueless: Range = (2.0, 4.0)  # chroma [by eye]: from greys, whose hue is chance, to colours

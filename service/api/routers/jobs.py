@@ -38,7 +38,12 @@ router = APIRouter(prefix="/jobs", tags=["jobs"])
 _MAX_IDS = 200
 
 JobIds = Annotated[
-    str | None, Query(alias="id", description="up to 200 ids with commas between them; unknown ones are left out")
+    str | None,
+    Query(
+        alias="id",
+        description="up to 200 ids with commas between them, in one page unless `limit` is given; "
+        "unknown ones are left out",
+    ),
 ]
 VideoOf = Annotated[
     str | None, Query(description="id of the video that is recoloured, or of the medium that is vectorised")
@@ -76,7 +81,7 @@ async def list_jobs(
         raise invalid_values({"/query/id": f"at most {_MAX_IDS} ids"})
     video, reference = (one and one.replace("\0", "") for one in (video, reference))
     wanted = Filter(named, video, reference, state, kind, to_metadata(metadata, "/query/metadata"))
-    # those that are named are no more than a page holds
+    # those that are named are no more than a page holds, unless a smaller one is asked for
     most = limit if named is None or "limit" in request.query_params else _MAX_IDS
     page = await services.calls.read(_page, services, caller, wanted, cursor, most)
     return conditional(if_none_match, page)

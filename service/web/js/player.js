@@ -99,6 +99,7 @@ export class Player extends EventTarget {
   }
 
   pause() {
+    this.#ahead = null;
     this.after.pause();
   }
 

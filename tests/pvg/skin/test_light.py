@@ -28,6 +28,18 @@ def test_the_lit_part_of_a_face_in_the_shade_is_not_driven_into_white() -> None:
     np.testing.assert_array_equal(face_color(rgb, everywhere), (80, 60, 50))
 
 
+def test_a_hard_shadow_that_moves_over_a_face_changes_its_light_by_and_by() -> None:
+    everywhere, before = np.ones((10, 100), np.bool_), 0.0
+    for lit in range(46):  # the median is in the shade
+        rgb = np.full((10, 100, 3), (80, 60, 50), np.uint8)
+        rgb[:, 100 - lit :] = (220, 190, 160)
+        light = float(face_color(rgb, everywhere).max())
+        assert light >= before
+        assert light < 1.25 * max(before, 80.0)  # a quantile alone leaps by 1.7
+        before = light
+    assert before > 130
+
+
 def test_where_nothing_of_a_face_is_seen_its_colour_is_grey() -> None:
     rgb, nothing = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4), np.bool_)
     assert median_color(rgb, nothing) is None

@@ -126,6 +126,53 @@ def test_hair_over_a_cheek_is_no_skin_where_the_network_is_sure(monkeypatch: pyt
     assert mask[scene.skin & ~hair].mean() > 0.9
 
 
+@pytest.mark.parametrize("along", ["over the eyes", "down the face", "all of it"])
+def test_what_the_network_denies_takes_no_half_of_a_face_along(monkeypatch: pytest.MonkeyPatch, along: str) -> None:
+    """A strand or goggles cut the foreground in two; a network that sees no face at all is not asked."""
+    scene = drawn_face(width=130, center=(160, 150))
+    says = network.predict_skin
+
+    def predict(rgb: np.ndarray, prior: SpatialPrior, by_rules: np.ndarray) -> np.ndarray:
+        rows, columns = np.nonzero(prior.face)
+        y, x = np.ogrid[: rgb.shape[0], : rgb.shape[1]]
+        band = {
+            "over the eyes": abs((y - rows.min()) / np.ptp(rows) - 0.42) < 0.08,
+            "down the face": abs(x - np.median(columns)) < 0.03 * prior.size,
+            "all of it": np.ones((1, 1), np.bool_),
+        }[along]
+        return np.asarray(np.where(band, 0.001, says(rgb, prior, by_rules)), np.float32)
+
+    monkeypatch.setattr(network, "predict_skin", predict)
+    face = face_area(scene.rgb.shape[:2], scene.landmarks)
+    for mask in (
+        skin_mask(scene.rgb, scene.landmarks),
+        mask_of(SkinTracker(fit_skin_model(scene.rgb, scene.landmarks)).step(scene.rgb, scene.landmarks), face.shape),
+    ):
+        assert mask[face].mean() > (0.6 if along == "all of it" else 0.78)
+        assert not mask[~scene.skin].mean() > 0.02
+
+
+def test_what_leaves_the_face_is_not_denied_until_the_network_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = drawn_face(width=130, center=(160, 150))
+    x, y = scene.landmarks.points[[layout.NOSE_TIP]].mean(axis=0)
+    left = x - 48
+    strand = scene.rgb.copy()
+    strand[int(y) - 40 : int(y) + 40, int(left) : int(left) + 14] = (60, 44, 36)
+    says = network.predict_skin
+
+    def predict(rgb: np.ndarray, prior: SpatialPrior, by_rules: np.ndarray) -> np.ndarray:
+        dark = cv2.dilate((rgb.max(axis=2) < 110).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        beside = np.arange(rgb.shape[1]) < np.median(np.nonzero(prior.face)[1]) - 0.2 * prior.size
+        return np.asarray(np.where(dark & beside, 0.001, says(rgb, prior, by_rules)), np.float32)
+
+    monkeypatch.setattr(network, "predict_skin", predict)
+    tracker = SkinTracker(fit_skin_model(scene.rgb, scene.landmarks))
+    tracker.step(strand, scene.landmarks)
+    for _ in range(2):
+        mask = mask_of(tracker.step(scene.rgb, scene.landmarks), scene.rgb.shape)
+    assert mask[int(y) - 30 : int(y) + 30, int(left) : int(left) + 14].mean() > 0.95
+
+
 def test_the_network_is_asked_in_every_fourth_frame_and_its_answer_moves_along(asked: list[int]) -> None:
     first = drawn_face(center=(120, 130))
     tracker = SkinTracker(fit_skin_model(first.rgb, first.landmarks))

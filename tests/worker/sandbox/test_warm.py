@@ -91,3 +91,23 @@ def test_a_picture_over_the_memory_of_a_job_is_refused_with_figures(
     assert job.error is not None
     assert job.error["type"] == "too-large"
     assert "5600x5600" in job.error["detail"]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_server_that_cannot_be_kept_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def serve(_: SandboxServer) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(SandboxServer, "_serve", serve)
+    server, ended = SandboxServer("lost"), list[str]()
+
+    def start() -> None:
+        try:
+            server.start()
+        except RuntimeError as error:
+            ended.append(str(error))
+
+    starting = threading.Thread(target=start, daemon=True)
+    starting.start()
+    starting.join(30)
+    assert "ends by itself" in "".join(ended)
