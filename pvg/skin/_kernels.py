@@ -119,8 +119,11 @@ def level_quantiles(rgb: Bytes, sample: Bools, shares: Doubles, out: Doubles) ->
                 total += 1
                 for k in range(3):
                     counts[k, rgb[i, j, k]] += 1
+    if total == 0:
+        out[:] = 0.0
+        return 0
     for n in range(len(shares)):
-        at = shares[n] * max(total - 1, 0)
+        at = shares[n] * (total - 1)
         for k in range(3):
             out[n, k] = 0.0
             for place in (int(np.floor(at)), int(np.ceil(at))):
@@ -129,8 +132,6 @@ def level_quantiles(rgb: Bytes, sample: Bools, shares: Doubles, out: Doubles) ->
                     level += 1
                     below += counts[k, level]
                 out[n, k] += 0.5 * level
-            if total == 0:
-                out[n, k] = 0.0
     return total
 
 

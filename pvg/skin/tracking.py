@@ -134,12 +134,16 @@ class SkinTracker:
         return self._raster
 
     def _predicted(self, rgb: Bytes, prior: SpatialPrior, by_rules: Floats, before: _Carried | None) -> Floats:
-        """The network's probability of skin (h, w): asked in every few frames, between them moved with the picture."""
+        """The network's probability of skin (h, w): asked in every few frames, between them moved with the picture.
+
+        Of cells that changed since it was asked it is not sure that they are none: what was before a face may leave.
+        """
         self._age += 1
         if before is None or self._age >= _NETWORK.every or before.changed > _NETWORK.changed:
             self._age = 0
             return network.predict_skin(rgb, prior, by_rules)
-        return before.predicted
+        changed = before.keep < _NETWORK.unlike
+        return np.where(changed, np.maximum(before.predicted, np.float32(_NETWORK.unsure)), before.predicted)
 
     def _carry(self, before: _Left, grey: Bytes) -> _Carried:
         """The frame before moved by optical flow onto this one, whose picture is `grey` (h, w)."""

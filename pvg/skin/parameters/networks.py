@@ -18,6 +18,8 @@ class NetworkNumbers:
     believed: float = 0.6  # of the log-odds, the rest the rules' [measured: 0.5 to 0.7 on pictures new to both]
     denied: float = 0.1  # of probability, up to which no place makes a cell skin [measured: 0.05 and 0.2 the same]
     sees: float = 0.33  # of the foreground at least [by eye]: a network that denies more does not see the face
+    unlike: float = 0.3  # weight of the frame before in a cell [by eye], below which that changed since it was asked
+    unsure: float = 0.2  # of probability [by eye]: at least what it said of such a cell counts as
     every: int = 4  # frames of a clip from one answer to the next [measured: mattes differ by 0.1 to 0.4 %]
     changed: float = 0.2  # of the cells, from which on it is asked at once [measured: at 0.25 occluders are tinted]
 

@@ -130,7 +130,7 @@ class CleanupNumbers:
     """Connected components."""
 
     ear_gap: float = 0.12  # face sizes [by eye]: hair between an ear and the cheek
-    least_part: float = 0.004  # squared face sizes [by eye]: smaller parts are no ear
+    least_part: float = 0.004  # squared face sizes [by eye]: smaller parts are no ear, nor a part of a face that is cut
     bridge: float = 0.06  # face sizes [by eye]: half the width of what may be no neck
     neck_weight: float = 0.9  # [by eye]: cells of more are the neck's
 

@@ -154,10 +154,10 @@ def test_what_the_network_denies_takes_no_half_of_a_face_along(monkeypatch: pyte
 
 def test_what_leaves_the_face_is_not_denied_until_the_network_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = drawn_face(width=130, center=(160, 150))
-    x, y = scene.landmarks.points[[layout.NOSE_TIP]].mean(axis=0)
-    left = x - 48
-    strand = scene.rgb.copy()
-    strand[int(y) - 40 : int(y) + 40, int(left) : int(left) + 14] = (60, 44, 36)
+    x, y = (int(at) for at in scene.landmarks.points[[layout.NOSE_TIP]].mean(axis=0))
+    over = slice(y - 25, y + 15), slice(x - 80, x - 34)  # a hand over a cheek
+    covered = scene.rgb.copy()
+    covered[over] = (60, 44, 36)
     says = network.predict_skin
 
     def predict(rgb: np.ndarray, prior: SpatialPrior, by_rules: np.ndarray) -> np.ndarray:
@@ -167,10 +167,10 @@ def test_what_leaves_the_face_is_not_denied_until_the_network_is_asked_again(mon
 
     monkeypatch.setattr(network, "predict_skin", predict)
     tracker = SkinTracker(fit_skin_model(scene.rgb, scene.landmarks))
-    tracker.step(strand, scene.landmarks)
-    for _ in range(2):
-        mask = mask_of(tracker.step(scene.rgb, scene.landmarks), scene.rgb.shape)
-    assert mask[int(y) - 30 : int(y) + 30, int(left) : int(left) + 14].mean() > 0.95
+    cheek = scene.skin[over]
+    masks = [mask_of(tracker.step(rgb, scene.landmarks), scene.skin.shape)[over] for rgb in (covered, *[scene.rgb] * 3)]
+    assert masks[0][cheek].mean() < 0.3
+    assert min(mask[cheek].mean() for mask in masks[1:]) > 0.95
 
 
 def test_the_network_is_asked_in_every_fourth_frame_and_its_answer_moves_along(asked: list[int]) -> None:
