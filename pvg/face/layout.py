@@ -119,6 +119,24 @@ STACKED_RIGHT_CHEEK: Final = _stacked(RIGHT_CHEEK)
 FOREHEAD: Final = _stacked(OVAL, 32, 33, 34, 35, 0, 1, 2, 3, 4)
 """Along the hair-line, from the left temple to the right one."""
 
+
+def _across(oval: range, contour: range) -> tuple[int, ...]:
+    """Points of oval and ring, counted from the top, and of the contour, from the temple, on both sides of the face."""
+    loops = [int(n) for loop in (OVAL, RING) for n in _stacked(loop, *oval, *(-n % 36 for n in oval))]
+    return tuple(sorted({*loops, *contour, *(2 * CHIN - n for n in contour)}))
+
+
+_CHEEKS = (*STACKED_LEFT_CHEEK.tolist(), *STACKED_RIGHT_CHEEK.tolist())
+SLICES: Final = (
+    _points(*_across(range(10), range(4)), *LEFT_BROW, *RIGHT_BROW, *NOSE_RIDGE[:1]),
+    _points(*_across(range(5, 12), range(7)), *_CHEEKS, *NOSE_RIDGE, range(47, 64), range(72, 84)),
+    _points(*_across(range(7, 14), range(10)), *_CHEEKS, *NOSE_BASE_TO_WINGS, *LIPS_OUTER),
+    _points(*_across(range(9, 19), range(3, 17)), *MOUTH_CORNERS, range(91, 96)),
+)
+"""The face in slices of stacked points, one over the other: forehead, nose, mouth and chin. A profile has its hollows
+between them, at the bridge of the nose, below the nose and below the lips. Cheeks have none, so that slices overlap
+there."""
+
 Pairs = tuple[tuple[int, int], ...]
 
 

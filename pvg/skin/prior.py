@@ -158,15 +158,41 @@ def goes_on_above(mask: Bools, landmarks: Landmarks) -> bool:
     return int(mask[:2].any(axis=0).sum()) > _BOX.cut * head_shape(landmarks).width
 
 
-def _contour(landmarks: Landmarks) -> Floats:
-    """Outline (n, 2) of the face as it is seen."""
-    # beyond about 45° of yaw the contour's far side lies behind the visible cheek and nose: their hull is the face
-    return _hull(np.concatenate([landmarks.oval, landmarks.points]))
+@dataclass(frozen=True, eq=False)
+class _Outline:
+    """The face as it is seen: what lies in the hull of its points, and in that of one of its slices.
+
+    hull: (n, 2);  slices: (m, 2) each, see `layout.SLICES`.
+    """
+
+    hull: Floats
+    slices: tuple[Floats, ...]
+
+    @classmethod
+    def of(cls, landmarks: Landmarks) -> _Outline:
+        """Of landmarks in cells."""
+        # beyond about 45° of yaw the contour's far side lies behind the visible cheek and nose: their hull is the face,
+        # but for the hollows of a profile, which are between the slices
+        hull = _hull(np.concatenate([landmarks.oval, landmarks.points]))
+        return cls(hull, tuple(_hull(landmarks.stacked[part]) for part in layout.SLICES))
+
+    def shrunk(self, share: float) -> _Outline:
+        """The outline that is `share` as large around its middle."""
+        middle = self.hull.mean(axis=0)
+        hull, *slices = (middle + share * (part - middle) for part in (self.hull, *self.slices))
+        return _Outline(hull, tuple(slices))
+
+    def filled(self, shape: tuple[int, int]) -> Bools:
+        """(h, w) bool, its inside."""
+        within = np.zeros(shape, np.bool_)
+        for part in self.slices:
+            within |= _fill(shape, part)
+        return within & _fill(shape, self.hull)
 
 
 def face_area(shape: tuple[int, int], landmarks: Landmarks) -> Bools:
     """(h, w) bool, the inside of the face contour, for landmarks in raster cells."""
-    return _fill(shape, _contour(landmarks))
+    return _Outline.of(landmarks).filled(shape)
 
 
 def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = False) -> SpatialPrior:
@@ -175,8 +201,8 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
     bald: whether skin may go on up to the crown.
     """
     head, points = head_shape(landmarks), landmarks.points
-    contour = _contour(landmarks)
-    face = _fill(shape, contour)
+    outline = _Outline.of(landmarks)
+    face = outline.filled(shape)
     inner, outer = _distance(face), _distance(~face)
     brow, eyes = head.depth(points[layout.UPPER_BROW_EDGES]), head.depth(points[layout.EYE_CONTOURS])
     mouth = head.depth(points[layout.LIPS_OUTER])
@@ -191,7 +217,7 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
     if bald:
         log_odds = log_odds + _released(head, outside, down < brow)
 
-    core = _fill(shape, contour.mean(axis=0) + _REGIONS.core * (contour - contour.mean(axis=0)))
+    core = outline.shrunk(_REGIONS.core).filled(shape)
     foreground = core & (down > brow + _REGIONS.below_brows)
     features = _grown_hulls(shape, points, layout.FEATURES, _REGIONS.feature_margin * head.size)
     sample = foreground & (down < mouth - _REGIONS.above_lips) & ~features

@@ -66,6 +66,14 @@ def real_landmarks(width: float = 1.0, center: tuple[float, float] = (0.0, 0.0),
     return Landmarks.unstack((rolled(_portrait(), angle) * width + np.array(center)).astype(np.float32))
 
 
+def turned_landmarks(mesh: Mesh, yaw: float, width: float = 150.0) -> Landmarks:
+    """The landmarks of a fitted face, that wide before it is turned to the image's right by `yaw` degrees."""
+    solid = np.column_stack([mesh.points, mesh.depth])
+    solid = (solid - solid.mean(axis=0)) * width / np.ptp(solid[:, 0])
+    across = np.cos(np.radians(yaw)) * solid[:, 0] - np.sin(np.radians(yaw)) * solid[:, 2]
+    return Landmarks.from_mesh(np.column_stack([across, solid[:, 1]]).astype(np.float32) + np.float32(width))
+
+
 def moved(face: FaceInFrame, x: float, y: float = 0.0, scale: float = 1.0) -> FaceInFrame:
     """A face of an asset elsewhere in the picture and of another size."""
     center = face.landmarks.points.mean(axis=0)

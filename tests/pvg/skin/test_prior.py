@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pvg.face import Landmarks, layout
+from pvg.landmarks import Mesh
 from pvg.skin import face_box
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import SpatialPrior, spatial_prior
-from tests.gallery.faces import real_landmarks
+from pvg.skin.prior import SpatialPrior, face_area, spatial_prior
+from scripts.samples import Samples
+from tests.gallery.faces import fit_surest, read_rgb, real_landmarks, turned_landmarks
 from tests.gallery.scenes import drawn_face
 
 
@@ -77,3 +79,41 @@ def test_the_regions_nest(prior: SpatialPrior) -> None:
     assert (prior.sample <= prior.foreground).all()
     assert (prior.cheeks <= prior.sample).all()
     assert not (prior.sample & prior.features).any()
+
+
+@pytest.fixture(scope="module")
+def mesh(samples: Samples) -> Mesh:
+    return fit_surest(read_rgb(samples.portrait))
+
+
+def area_and_hull(landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
+    """(2, h, w) bool: the face as it is seen, and the convex hull of its points."""
+    hull = cv2.convexHull(np.concatenate([landmarks.oval, landmarks.points]))
+    whole = np.zeros((300, 300), np.uint8)
+    cv2.fillPoly(whole, [np.rint(hull * 16).astype(np.int32)], 1, cv2.LINE_8, 4)
+    return face_area(whole.shape, landmarks), whole > 0
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_wall_in_the_hollows_of_a_profile_is_no_face(mesh: Mesh, side: int) -> None:
+    landmarks = turned_landmarks(mesh, 65.0 * side)
+    face, hull = area_and_hull(landmarks)
+    points = landmarks.points
+    hollow = cv2.distanceTransform((hull & ~face).astype(np.uint8), cv2.DIST_L2, 5)
+    tip = int(points[layout.NOSE_TIP, 1])
+    assert hollow[:tip].max() > 2  # before the bridge
+    assert hollow[tip:].max() > 2  # below the nose
+    near = cv2.dilate(face.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    x, y = np.rint(points).astype(int).T
+    assert near[y, x].all()
+    foreground = spatial_prior(face.shape, landmarks).foreground
+    assert (foreground <= face).all()
+
+
+def test_the_hollows_open_by_and_by_as_a_head_turns(mesh: Mesh) -> None:
+    for side in (-1, 1):
+        pairs = [area_and_hull(turned_landmarks(mesh, float(side * yaw))) for yaw in range(76)]
+        hollow = np.array([np.count_nonzero(hull & ~face) / np.count_nonzero(hull) for face, hull in pairs])
+        assert hollow[:30].max() < 0.003
+        assert hollow[-1] > 0.03
+        assert np.abs(np.diff(hollow)).max() < 0.01
