@@ -13,6 +13,7 @@ import logging
 import re
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
 from http import HTTPStatus
@@ -47,6 +48,8 @@ UNREAD_S: Final = 5.0
 FREE_CHUNKS: Final = 1000
 MIN_CHUNK_BYTES: Final = 64
 _END_OF_HEAD: Final = re.compile(rb"\n\r?\n")
+#: of a request's state: what came of its body, and was not read, before its connection was lost
+_UNREAD: Final = "unread"
 
 # what uvicorn warns of is what any client can send; that is counted here
 _errors_only = logging.getLogger("uvicorn.error.connections")
@@ -188,6 +191,9 @@ class BoundedProtocol(H11Protocol):
         """Forget the connection."""
         if self._watch is not None:
             self._watch.cancel()
+        if self.cycle is not None and not self.cycle.response_complete:
+            # the application is told that the client has gone, and of nothing that it has not read by then
+            self.cycle.scope["state"][_UNREAD] = bytes(self.cycle.body)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -343,6 +349,12 @@ class BoundedProtocol(H11Protocol):
             self.transport.write_eof()
         except OSError:  # the client has gone already
             self.transport.abort()
+
+
+def unread(state: Mapping[str, Any]) -> bytes:
+    """What came of a body and was not read before the connection was lost; ``state`` is that of the request."""
+    rest: bytes = state.get(_UNREAD, b"")
+    return rest
 
 
 def _answer(problem: dict[str, Any], default_headers: list[tuple[bytes, bytes]], headers: dict[str, str]) -> bytes:

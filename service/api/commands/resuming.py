@@ -21,6 +21,7 @@ from service import addresses
 from service.api import quotas
 from service.api.commands.asked import Asked
 from service.api.commands.registering import register
+from service.api.connections import unread
 from service.api.idempotency import Once
 from service.api.metadata import to_metadata
 from service.api.problems import invalid, invalid_values
@@ -185,6 +186,8 @@ async def append(
                     await piece.feed(chunk)
         except ClientDisconnect:
             if checksum is None:
+                with _no_more_than(upload.size_bytes):
+                    await piece.feed(unread(request.scope["state"]))
                 await piece.keep()
             raise
         await piece.keep()

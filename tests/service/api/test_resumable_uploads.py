@@ -22,6 +22,7 @@ import pytest
 from sqlalchemy import select
 from starlette.concurrency import run_in_threadpool
 from tusclient.client import TusClient
+from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
 
 from service.api import quotas
 from service.api.calls import Calls
@@ -387,16 +388,32 @@ def test_first_bytes_of_no_film_take_away_nothing_that_another_request_has_sent(
     assert offset_of(api.client, url) == 200_000
 
 
-def test_what_came_before_the_connection_broke_is_kept(api: Api) -> None:
+@pytest.mark.parametrize("size", [30_000, 200_000])
+def test_all_that_came_before_the_connection_broke_is_kept(
+    api: Api, size: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also what had come, but was not read, when it broke: here nothing is read of what can wait in memory."""
+    lost = threading.Event()
+    find, lose = resuming.find_in, BoundedProtocol.connection_lost
+
+    def find_late(*args: Any) -> Any:
+        assert size > HIGH_WATER_LIMIT or lost.wait(60)
+        return find(*args)
+
+    def noted(self: BoundedProtocol, error: Exception | None) -> None:
+        lose(self, error)
+        lost.set()
+
+    monkeypatch.setattr(resuming, "find_in", find_late)
+    monkeypatch.setattr(BoundedProtocol, "connection_lost", noted)
     data = content()
     url = begin(api.client, len(data))
     head = f"PATCH {url} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(data)}\r\nUpload-Offset: 0\r\n"
     head += "".join(f"{name}: {value}\r\n" for name, value in PIECE.items())
     with socket.create_connection(api.address) as connection:
-        connection.sendall(head.encode() + b"\r\n" + data[:200_000])
-    there = until(lambda: offset_of(api.client, url))
-    assert 0 < there <= 200_000
-    answer = send(api.client, url, there, data[there:])
+        connection.sendall(head.encode() + b"\r\n" + data[:size])
+    assert until(lambda: offset_of(api.client, url)) == size
+    answer = send(api.client, url, size, data[size:])
     video = api.client.get(f"/videos/{answer.headers['pvg-media']}").json()
     assert video["sha256"] == hashlib.sha256(data).hexdigest()
 
