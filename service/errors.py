@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
 from typing import Any, ClassVar, Final, Self
 
 from pydantic_core import ErrorDetails
@@ -235,15 +234,12 @@ class QuotaExceededError(ServiceError):
 class MediaFailedError(ServiceError):
     """The request names a medium whose vectorisation has failed: 422 with the medium's own type and title.
 
-    ``others`` are further media of the request that have failed, by their pointers.
+    ``failed`` are all that have, by where the request has them, as JSON pointers: none where its path names the one.
     """
 
     kind = PROBLEMS["validation-failed"]
 
-    def __init__(
-        self, error: dict[str, Any], pointer: str, others: Mapping[str, dict[str, Any]] = MappingProxyType({})
-    ) -> None:
-        failed = {pointer: error, **others}
+    def __init__(self, error: dict[str, Any], failed: Mapping[str, dict[str, Any]]) -> None:
         errors = [{"pointer": where, "detail": str(one["detail"])} for where, one in failed.items()]
         super().__init__(str(error["detail"]), errors=errors)
         self._error = error

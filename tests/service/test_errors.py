@@ -42,7 +42,8 @@ def test_no_name_of_the_code_is_told() -> None:
 
 
 def test_the_problem_of_a_failed_medium_keeps_its_own_kind() -> None:
-    problem = MediaFailedError(stored_problem("no-face", "no face found in a.mp4"), "/video").problem()
+    stored = stored_problem("no-face", "no face found in a.mp4")
+    problem = MediaFailedError(stored, {"/video": stored}).problem()
     assert problem == {
         "type": "/docs/problems#no-face",
         "code": "no-face",
@@ -55,7 +56,7 @@ def test_the_problem_of_a_failed_medium_keeps_its_own_kind() -> None:
 
 def test_a_limit_is_told_with_the_problem_of_a_failed_medium() -> None:
     stored = stored_problem("too-long", "a.mp4 lasts 9.0 s", limit=Limit(3.0, "seconds"))
-    problem = MediaFailedError(stored, "/video").problem()
+    problem = MediaFailedError(stored, {"/video": stored}).problem()
     assert (problem["code"], problem["limit"], problem["unit"]) == ("too-long", 3.0, "seconds")
 
 

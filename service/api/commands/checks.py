@@ -67,8 +67,7 @@ def check_usable(known: Mapping[str, Media], places: Mapping[str, str]) -> None:
         if known[media_id].state == MediaState.FAILED and (error := known[media_id].error) is not None
     }
     if failed:
-        (where, error), *_ = failed.items()
-        raise MediaFailedError(error, where, failed)
+        raise MediaFailedError(next(iter(failed.values())), failed)
 
 
 def check_look(video: Media, reference: Media | None, look: WantedLook, where: str) -> None:

@@ -49,12 +49,12 @@ _FIRST_OF_OURS: Final = 500
 
 @dataclass(frozen=True)
 class WantedStill:
-    """A single picture of a medium. ``pointers`` says where in the request each id stands, for errors."""
+    """A single picture of a medium. ``pointers`` says where in the request's JSON each id stands, for errors."""
 
     media_id: str
     reference_id: str | None
     request: StillRequest
-    pointers: Mapping[str, str]
+    pointers: Mapping[str, str | None]
 
 
 class StillFailedError(ServiceError):
@@ -79,7 +79,8 @@ def usable(session: Session, owner: str, media_id: str, where: str | None = None
         detail = no_medium(media_id)
         raise NotFoundError(detail, errors=[] if where is None else [{"pointer": where, "detail": detail}])
     if found.state == MediaState.FAILED and found.error is not None:
-        raise MediaFailedError(of_medium(found.error, media_id), where or "")
+        error = of_medium(found.error, media_id)
+        raise MediaFailedError(error, {} if where is None else {where: error})
     check_ready(found)
     return found
 
@@ -229,7 +230,7 @@ async def small_picture(
         with suppress(BlobMissingError):
             return await _stream(services, key, start, end, headers, "jpeg")
     request = StillRequest("jpeg", THUMBNAIL_PX if face is not None else POSTER_PX, face=face)
-    wanted = WantedStill(media_id, None, request, {media_id: ""})
+    wanted = WantedStill(media_id, None, request, {media_id: None})
     return await picture(services, owner, wanted, if_none_match=if_none_match, is_use=False)
 
 
@@ -249,7 +250,7 @@ async def layer(
     count = frame_count(medium)
     if request.frame is not None and request.frame >= count:
         raise NotFoundError(no_frame(medium, count))
-    wanted = WantedStill(media_id, None, request, {media_id: ""})
+    wanted = WantedStill(media_id, None, request, {media_id: None})
     return await picture(services, owner, wanted, if_none_match=if_none_match)
 
 

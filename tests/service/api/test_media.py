@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from service.api.examples import MEDIUM
 from service.catalog import leases, media
 from service.settings import Settings
@@ -53,6 +55,18 @@ def test_a_failed_medium_says_why_and_is_tried_again_when_uploaded_again(api: Ap
     assert (again.json()["state"], again.json()["error"]) == ("vectorizing", None)
     make_ready(api.services, video["id"])
     assert api.client.get(f"/videos/{video['id']}").json()["state"] == "ready"
+
+
+@pytest.mark.parametrize("picture", ["poster", "faces/0/thumbnail", "frames/0"])
+def test_a_failed_medium_whose_picture_is_asked_for_is_named_by_the_path_alone(api: Api, picture: str) -> None:
+    """The request has no JSON that a pointer could lead into."""
+    video = upload(api, "/videos")
+    lease = claim(api.services.database, video["job"])
+    with api.services.background.write() as session:
+        assert leases.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
+    refused = api.client.get(f"/videos/{video['id']}/{picture}")
+    assert (refused.status_code, refused.json()["code"]) == (422, "no-face")
+    assert "errors" not in refused.json()
 
 
 def test_a_file_that_is_sent_again_while_its_job_is_being_canceled_is_vectorised_by_another(api: Api) -> None:
