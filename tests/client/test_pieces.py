@@ -134,6 +134,28 @@ def arrived(server: Tus, path: str = "/uploads/0") -> bool:
     return bytes(server.uploads[path]) == CONTENT
 
 
+class ShortLived(Tus):
+    """Its connections last for so many bytes."""
+
+    def __init__(self, last: int) -> None:
+        super().__init__()
+        self._last = last
+
+    def _patch(self, request: httpx.Request, path: str) -> httpx.Response:
+        if len(request.read()) > self._last:
+            raise httpx.WriteError("cut")
+        return super()._patch(request, path)
+
+
+@pytest.mark.parametrize("last", [600, 100, 10])
+def test_a_file_arrives_though_no_connection_lasts_for_a_piece(file: Path, last: int) -> None:
+    server = ShortLived(last)
+    with Client(transport=server) as client:
+        client.upload(file, resume=True)
+    assert arrived(server)
+    assert server.received_bytes == len(CONTENT), "what arrives is kept"
+
+
 def test_a_file_arrives_in_pieces_with_what_is_said_about_it(file: Path, tmp_path: Path) -> None:
     server = Tus()
     with Client(transport=server) as client:

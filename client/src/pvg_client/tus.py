@@ -19,6 +19,8 @@ from pvg_client.paths import path_to
 
 #: bytes of one piece: what a broken connection costs at most
 PIECE_BYTES: Final = 8 * 1024**2
+#: where connections do not last for a piece, the next is half as long; the shortest is this part of the longest
+_SHORTEST: Final = 128
 #: seconds in which the service joins, reads and records the whole file
 _LONGEST_JOIN_S: Final = 600.0
 _HEADERS: Final = {"Tus-Resumable": "1.0.0"}
@@ -96,17 +98,21 @@ def go_on(api: Api, path: Path, size_bytes: int, upload_id: str) -> Flow[str]:
 
 def _sent(api: Api, path: Path, size_bytes: int, url: httpx.URL, offset: int, note: _Note | None = None) -> Flow[str]:
     """The file from the offset on."""
-    patience = Patience(api)
+    patience, length = Patience(api), PIECE_BYTES
     while offset < size_bytes:
-        piece = yield from worked(lambda at=offset: _read(path, at, size_bytes))  # type: ignore[misc]
+        end = min(offset + length, size_bytes)  # of a file that is still written, what was hashed
+        piece = yield from worked(lambda at=offset, end=end: _read(path, at, end))  # type: ignore[misc]
         if not piece:
             raise DamagedError(f"{path} has become shorter while it was sent")
         try:
             offset = yield from _patch(api, url, offset, piece, is_last=offset + len(piece) == size_bytes)
             patience.renew()
+            length = min(2 * length, PIECE_BYTES)
         except (ApiError, UnreachableError) as error:
             if isinstance(error, ApiError) and error.status in _HOPELESS:
                 _drop(note)  # the next call begins anew
+            if isinstance(error, UnreachableError):
+                length = max(length // 2, PIECE_BYTES // _SHORTEST)
             yield from _before_another(patience, error)
             offset = yield from _offset(api, url)
     response = yield from answered(api, api.request("GET", url, headers=_STATE))
@@ -183,8 +189,7 @@ def _before_another(patience: Patience, error: ApiError | UnreachableError) -> F
     yield from patience.after(error)
 
 
-def _read(path: Path, offset: int, size_bytes: int) -> bytes:
+def _read(path: Path, start: int, end: int) -> bytes:
     with path.open("rb") as file:
-        file.seek(offset)
-        # of one that is still written, what was hashed
-        return file.read(min(PIECE_BYTES, size_bytes - offset))
+        file.seek(start)
+        return file.read(end - start)
