@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from contextlib import suppress
+from contextvars import Context
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Final, TypeVar, TypeVarTuple
 
 import obstore
 from obstore.exceptions import GenericError
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from obstore.store import ObjectStore
 
 T = TypeVar("T")
+_Values = TypeVarTuple("_Values")
 
 #: of a file that is read or copied: who has it done may end it between two
 _PIECE_BYTES: Final = 4 * 1024**2
@@ -34,6 +36,30 @@ _PARTS_AT_ONCE: Final = 4
 
 def go_on() -> None:
     """Nobody ends it."""
+
+
+class _Loop(asyncio.SelectorEventLoop):
+    """An event loop that nobody need be told of once it is closed.
+
+    What an object store is asked goes on outside of it. Where an upload that is given up on ends only then, obstore
+    would print a traceback for the answer that nobody waits for.
+    """
+
+    def call_soon_threadsafe(
+        self, callback: Callable[[*_Values], object], *args: *_Values, context: Context | None = None
+    ) -> asyncio.Handle:
+        try:
+            return super().call_soon_threadsafe(callback, *args, context=context)
+        except RuntimeError:
+            if not self.is_closed():
+                raise
+            return asyncio.Handle(callback, args, self)
+
+
+def run(copying: Coroutine[Any, Any, None]) -> None:
+    """Have `receive` or `send` done."""
+    with asyncio.Runner(loop_factory=_Loop) as runner:
+        runner.run(copying)
 
 
 async def receive(store: ObjectStore, key: str, file: IO[bytes], check: Callable[[], None]) -> None:

@@ -105,7 +105,7 @@ class Storage:
         """
         if self._folder is None:
             with _bucket_known():
-                asyncio.run(copying.send(self._store, key, path, check))
+                copying.run(copying.send(self._store, key, path, check))
             path.unlink()
             return
         with _folder_known():
@@ -206,7 +206,7 @@ class Storage:
         try:
             try:
                 with path.open("wb") as file, _bucket_known():
-                    asyncio.run(copying.receive(self._store, key, file, check))
+                    copying.run(copying.receive(self._store, key, file, check))
             except FileNotFoundError as error:
                 raise BlobMissingError(key) from error
             yield path

@@ -20,6 +20,7 @@ from service.blobs import Blobs
 from service.storage import Storage
 from tests.service.s3 import S3
 from tests.service.servers import Wire
+from tests.waiting import until
 from tests.worker.test_publishing import run
 from worker.lease import CanceledError
 from worker.run import Run
@@ -169,7 +170,7 @@ def test_a_store_that_says_nothing_of_one_is_not_waited_for_twice(
     silent: list[float] = []
     given_up: list[float] = []
     loop = SkippingLoop()
-    monkeypatch.setattr(asyncio, "run", loop.run_until_complete)
+    monkeypatch.setattr(copying, "run", loop.run_until_complete)
 
     def silent_for_long() -> bool:
         if not silent and uploads(bucket):
@@ -208,6 +209,52 @@ def test_nor_does_one_whose_last_parts_are_on_their_way(
     monkeypatch.setattr(remote.keeper, "check", ends_when(lambda: closing != []))
     nothing_is_stored(remote, bucket)
     assert len(closing) == 1
+
+
+@pytest.mark.timeout(60)
+def test_a_store_may_end_one_after_it_was_given_up_on(
+    remote: Run, bucket: S3, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """obstore says so to an event loop that is closed by then, and prints a traceback where that raises."""
+    open_writer, closed, heard = obstore.open_writer_async, threading.Event(), list[BaseException | None]()
+
+    class Silent:
+        """A writer whose store falls silent when it is closed."""
+
+        def __init__(self, *args: Any, **options: Any) -> None:
+            self._writer = open_writer(*args, **options)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._writer, name)
+
+        def close(self) -> Any:
+            wire.hang()
+            loop = asyncio.get_running_loop()
+            tell = loop.call_soon_threadsafe
+
+            def told(*args: Any, **options: Any) -> Any:
+                try:
+                    handle = tell(*args, **options)
+                except BaseException as error:
+                    heard.append(error)
+                    raise
+                heard.append(None)
+                return handle
+
+            monkeypatch.setattr(loop, "call_soon_threadsafe", told)
+            closed.set()
+            return self._writer.close()
+
+    monkeypatch.setattr(obstore, "open_writer_async", Silent)
+    monkeypatch.setattr(copying, "_LAST_S", 0.1)
+    made = remote.storage.spool.draft()
+    made.write_bytes(CONTENT)
+    with pytest.raises(CanceledError):
+        remote.storage.put(made, "result/ab/look.mp4", check=ends_when(closed.is_set))
+    assert heard == []
+    wire.connect()
+    assert until(lambda: heard) == [None]
+    assert bucket.read("faces/result/ab/look.mp4") == CONTENT
 
 
 def nothing_is_stored(run: Run, bucket: S3) -> None:
