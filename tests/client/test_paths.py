@@ -9,8 +9,9 @@ from typing import Any
 import httpx
 import pytest
 
-from pvg_client import Client
-from tests.client.test_retries import Script
+from pvg_client import Client, Job, Medium, Webhook
+from tests.client.lines import MEDIUM
+from tests.client.test_retries import JOB, Script
 
 #: every call that has an id in its address
 CALLS: dict[str, Callable[[Client, Any], Any]] = {
@@ -54,6 +55,17 @@ def test_a_number_is_one_segment_too(index: Any) -> None:
         for call in (client.frame, client.thumbnail):
             with pytest.raises(ValueError, match="is no id"):
                 call("vid_1", index)
+
+
+def test_what_was_had_before_is_asked_for_again_as_it_is() -> None:
+    at = {"created_at": MEDIUM["created_at"]}
+    told = at | {"id": "msg_1", "job": "job_1", "url": "http://a.test", "state": "waiting", "attempts": 0}
+    had = Medium.of(MEDIUM), Job.of(JOB | at), Webhook.of(told)
+    script = Script(*[httpx.Response(200, json=one.raw) for one in had])
+    with Client(transport=script) as client:
+        assert (client.medium(had[0]), client.job(had[1]), client.webhook(had[2])) == had
+    paths = ["/v1/videos/vid_1", f"/v1/jobs/{JOB['id']}", "/v1/webhooks/msg_1"]
+    assert [request.url.path for request in script.requests] == paths
 
 
 def test_ids_are_in_addresses_as_they_are() -> None:

@@ -22,9 +22,9 @@ def webhooks(
     return Listing("/webhooks", params + [("state", one) for one in state], Webhook.of)
 
 
-def webhook(api: Api, webhook_id: str) -> Flow[Webhook]:
-    """A webhook by its id, as it is now."""
-    return (yield from asked(api, Webhook.of, "GET", path_to("webhooks", webhook_id)))
+def webhook(api: Api, webhook_id: Webhook | str) -> Flow[Webhook]:
+    """A webhook, as it is now."""
+    return (yield from asked(api, Webhook.of, "GET", path_to("webhooks", id_of(webhook_id))))
 
 
 def replay(api: Api, webhook: Webhook | str, *, idempotency_key: str | None = None) -> Flow[Webhook]:

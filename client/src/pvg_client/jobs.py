@@ -87,9 +87,9 @@ def _rest(
     return {name: value for name, value in given.items() if value is not None}
 
 
-def job(api: Api, job_id: str) -> Flow[Job]:
-    """A job by its id, as it is now."""
-    return (yield from asked(api, Job.of, "GET", path_to("jobs", job_id)))
+def job(api: Api, job_id: Job | str) -> Flow[Job]:
+    """A job, as it is now."""
+    return (yield from asked(api, Job.of, "GET", path_to("jobs", id_of(job_id))))
 
 
 def jobs(

@@ -18,9 +18,9 @@ _ALONE: Final = {"res_": "results", "job_": "jobs", "upl_": "uploads"}
 _GATEWAYS: Final = frozenset({httpx.codes.BAD_GATEWAY, httpx.codes.GATEWAY_TIMEOUT})
 
 
-def medium(api: Api, medium_id: str) -> Flow[Medium]:
-    """A video or a reference by its id."""
-    return (yield from asked(api, Medium.of, "GET", path_of(medium_id)))
+def medium(api: Api, medium_id: Medium | str) -> Flow[Medium]:
+    """A video or a reference, as it is now."""
+    return (yield from asked(api, Medium.of, "GET", path_of(id_of(medium_id))))
 
 
 def videos(api: Api, *, state: Sequence[str] = (), metadata: Mapping[str, str] | None = None) -> Listing[Medium]:
