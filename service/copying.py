@@ -69,8 +69,10 @@ async def receive(store: ObjectStore, key: str, file: IO[bytes], check: Callable
     """
     found = await _watched(obstore.get_async(store, key), check)
     pieces = aiter(found.stream(min_chunk_size=_PIECE_BYTES))
-    while (piece := await _watched(anext(pieces, None), check)) is not None:
-        file.write(piece)
+    with suppress(StopAsyncIteration):
+        while True:
+            # with a default, what is waited for would be around the store's own answer, which nobody ended
+            file.write(await _watched(anext(pieces), check))
 
 
 async def send(store: ObjectStore, key: str, path: Path, check: Callable[[], None]) -> None:

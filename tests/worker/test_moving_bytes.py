@@ -80,6 +80,33 @@ def test_a_file_is_not_fetched_to_its_end(
     assert drafts(remote) == []
 
 
+def test_what_the_store_was_asked_for_is_ended_with_the_job(remote: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else it goes on, and comes to an event loop that is closed by then."""
+    asked: list[asyncio.Future[bytes]] = []
+
+    class Found:
+        """A file of which nothing comes."""
+
+        def stream(self, **_: Any) -> Found:
+            return self
+
+        def __aiter__(self) -> Found:
+            return self
+
+        def __anext__(self) -> asyncio.Future[bytes]:
+            asked.append(asyncio.get_running_loop().create_future())
+            return asked[-1]
+
+    async def found(*_: Any) -> Found:
+        return Found()
+
+    monkeypatch.setattr(obstore, "get_async", found)
+    monkeypatch.setattr(remote.keeper, "check", ends_when(lambda: asked != []))
+    with pytest.raises(CanceledError), remote.local_path(KEY):
+        pass
+    assert [one.cancelled() for one in asked] == [True]
+
+
 def test_a_file_that_is_fetched_while_the_job_goes_on_is_whole(remote: Run) -> None:
     with remote.local_path(KEY) as path:
         assert path.read_bytes() == CONTENT
