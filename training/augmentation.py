@@ -68,6 +68,32 @@ def augmented(example: Example, others: list[Example], rng: np.random.Generator)
     skin = _skin(labels, example.at)
     if rng.random() < 0.2:
         rgb = _other_skin(rgb, skin, rng)
+    rgb = _recolored(rgb, labels, skin, others, rng)
+    rgb = _lit(rgb, rng)
+    own = rgb[moved.sample > 0.5]
+    own = np.median(own if len(own) > 8 else rgb.reshape(-1, 3), axis=0)
+    fields = moved.fields.copy()
+    fields[..., _COLORS] = rgb - 0.5
+    fields[..., 3:6] = np.log(rgb + _DARK) - np.log(own + _DARK)
+    fields[..., _GUESS] = _spoiled(guess, fields[..., _PRIOR], rng) - 0.5
+    return Sample(
+        np.ascontiguousarray(fields.transpose(2, 0, 1), np.float32), skin, _weight(moved.visible, labels, example.at)
+    )
+
+
+def other_picture(rgb: Floats, labels: Floats, rng: np.random.Generator) -> Floats:
+    """A whole picture (H, W, 3) in [0, 1] that could have been: other hair, cloth and walls, other light.
+
+    labels: (H, W, …) shares, as an example's.
+    """
+    rgb = _recolored(rgb, labels, labels[..., _ANYBODY], [], rng)
+    if rng.random() < 0.3:  # harsh, as apps have it
+        rgb = np.asarray(rgb + rng.uniform(0.2, 0.8) * (3 * rgb**2 - 2 * rgb**3 - rgb), np.float32)
+    return np.asarray(np.clip(_lit(rgb, rng), 0, 1), np.float32)
+
+
+def _recolored(rgb: Floats, labels: Floats, skin: Floats, others: list[Example], rng: np.random.Generator) -> Floats:
+    """The picture with hair, cloth and what is behind of other colours now and then, above all the skin's own."""
     for region, often, alike in ((_HAIR, 0.45, 0.7), (_CLOTH, 0.5, 0.6)):
         chance = rng.random()
         if chance < often:
@@ -81,20 +107,11 @@ def augmented(example: Example, others: list[Example], rng: np.random.Generator)
             rgb = _other_color(rgb, behind, 1.5, rng)
         elif chance < 0.6:
             rgb = _color_of_skin(rgb, behind, skin, rng)
-        else:
+        elif others:
             wall = others[rng.integers(len(others))].fields[..., _COLORS] + 0.5
             wall = np.asarray(cv2.GaussianBlur(wall, (0, 0), rng.uniform(2, 12)), np.float32)
             rgb = rgb + behind[..., None] * (wall - rgb)
-    rgb = _lit(rgb, rng)
-    own = rgb[moved.sample > 0.5]
-    own = np.median(own if len(own) > 8 else rgb.reshape(-1, 3), axis=0)
-    fields = moved.fields.copy()
-    fields[..., _COLORS] = rgb - 0.5
-    fields[..., 3:6] = np.log(rgb + _DARK) - np.log(own + _DARK)
-    fields[..., _GUESS] = _spoiled(guess, fields[..., _PRIOR], rng) - 0.5
-    return Sample(
-        np.ascontiguousarray(fields.transpose(2, 0, 1), np.float32), skin, _weight(moved.visible, labels, example.at)
-    )
+    return rgb
 
 
 def _moved(example: Example, rng: np.random.Generator) -> Example:
@@ -122,6 +139,7 @@ def _moved(example: Example, rng: np.random.Generator) -> Example:
         example.person,
         example.at,
         warped(example.fields, cv2.BORDER_REPLICATE),
+        example.features[..., :0],
         warped(example.labels, cv2.BORDER_REPLICATE),
         warped(example.visible, cv2.BORDER_CONSTANT),
         warped(example.sample, cv2.BORDER_CONSTANT),

@@ -10,16 +10,17 @@ import numpy as np
 from pvg._arrays import Floats
 from training.examples import BODY_SIZE, Example
 
+_ARRAYS = "fields", "features", "labels", "visible", "sample"
 _SIZE = 144, 96  # cells: most faces' boxes, in multiples of 16
 
 
 def save(examples: list[Example], path: Path) -> None:
     """Write examples, all of one size: narrower ones with edges repeated, where nothing counts, wider ones cut."""
-    how: dict[str, Literal["edge", "constant"]] = {"fields": "edge", "labels": "edge"}
+    how: dict[str, Literal["edge", "constant"]] = {"fields": "edge", "features": "edge", "labels": "edge"}
     size = BODY_SIZE if examples[0].at == "body" else _SIZE
     arrays: dict[str, Any] = {
         name: np.stack([_of_one_size(getattr(one, name), size, how.get(name, "constant")) for one in examples])
-        for name in ("fields", "labels", "visible", "sample")
+        for name in _ARRAYS
     }
     arrays = {name: values.astype(np.float16) for name, values in arrays.items()}
     np.savez_compressed(path, person=[one.person for one in examples], at=[one.at for one in examples], **arrays)
@@ -44,7 +45,7 @@ def load(paths: list[Path]) -> list[Example]:
     for path in paths:
         with np.load(path) as file:
             raw = {name: file[name] for name in file.files}
-        floats = {name: raw[name].astype(np.float32) for name in ("fields", "labels", "visible", "sample")}
+        floats = {name: raw[name].astype(np.float32) for name in _ARRAYS}
         for i, (person, at) in enumerate(zip(raw["person"], raw["at"], strict=True)):
             out.append(Example(str(person), str(at), **{name: values[i] for name, values in floats.items()}))
     return out

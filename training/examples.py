@@ -24,6 +24,7 @@ from pvg.raster import Raster
 from pvg.rendering import source_frame
 from pvg.skin import body_network, network
 from pvg.skin.body import BodyTracker
+from pvg.skin.features import features_around
 from pvg.skin.learning import SkinModel, fit_skin_model
 from pvg.skin.rasters import learning_raster
 from pvg.skin.scene import SceneReader
@@ -35,6 +36,7 @@ _KEYS = (-30, -90, 40)  # frames from a labelled one to others that a track may 
 _MOST_KEYS = 2
 BODY_SIZE = 144, 112  # cells, what is kept of a scene around a head
 _HEAD_ROW = 48  # of them, where its middle is
+_NO_FEATURES = np.zeros((0, 1, 1), np.float32)
 _CORE = 0.8  # of the face's oval, where its own colour is taken
 
 
@@ -44,6 +46,7 @@ class Example:
 
     person: who, for those who are many do not count more;  at: "key" for a still or key frame, "track" for a frame
     that follows one, "body" for the scene around one;  fields: (h, w, network.FIELDS) float32;
+    features: (h, w, FEATURES) float32 of a scene, see `pvg.skin.features`, without channels of a face's box;
     labels: (h, w, 1 + len(KINDS)) float32 shares: of `KINDS`, of skin this person's, then of anybody's skin;
     visible: (h, w) float32, what of a cell lies in the picture;  sample: (h, w) float32, where the skin's own colour
     is taken.
@@ -52,6 +55,7 @@ class Example:
     person: str
     at: str
     fields: Floats
+    features: Floats
     labels: Floats
     visible: Floats
     sample: Floats
@@ -103,14 +107,25 @@ def _example(
     if recorder.asked is None:
         raise ValueError("the network was not asked")
     sample = recorder.asked[1].sample
-    return _over_cells(person, at, network.network_fields(*recorder.asked), raster, picture, masks, sample)
+    fields = network.network_fields(*recorder.asked)
+    return _over_cells(person, at, (fields, _NO_FEATURES), raster, picture, masks, sample)
 
 
 def _over_cells(
-    person: str, at: str, fields: Floats, raster: Raster, picture: Picture, masks: list[Bools], sample: Bools
+    person: str,
+    at: str,
+    shown: tuple[Floats, Floats],
+    raster: Raster,
+    picture: Picture,
+    masks: list[Bools],
+    sample: Bools,
 ) -> Example:
-    """fields: (FIELDS, h, w);  masks: (H, W) each, of the picture;  sample: (h', w') of the raster."""
-    size = fields.shape[2], fields.shape[1]
+    """One example.
+
+    shown: fields (FIELDS, h, w) and features (FEATURES or 0, h, w);  masks: (H, W) each, of the picture;
+    sample: (h', w') of the raster.
+    """
+    size = shown[0].shape[:0:-1]
 
     def shares(values: NDArray[np.uint8]) -> Floats:
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA) / np.float32(255), np.float32)
@@ -120,7 +135,10 @@ def _over_cells(
     labels = np.concatenate([shares(as_picture(three).cells(raster)) for three in threes], axis=2)
     visible = shares(raster.inside(picture.size).astype(np.uint8) * np.uint8(255))
     sampled = shares(sample.astype(np.uint8) * np.uint8(255))
-    return Example(person, at, np.ascontiguousarray(fields.transpose(1, 2, 0)), labels, visible, sampled)
+    fields, features = (
+        np.ascontiguousarray(np.broadcast_to(one, (len(one), *size[::-1])).transpose(1, 2, 0)) for one in shown
+    )
+    return Example(person, at, fields, features, labels, visible, sampled)
 
 
 def body_examples_of(
@@ -150,7 +168,9 @@ def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: li
     fields = body_network.body_fields(*recorder.asked)
     face_mask, head = seen.face_mask, seen.head
     core = head.of_oval(face_mask.shape) < _CORE
-    whole = _over_cells(person, "body", fields, scene.raster, picture, masks, core & (face_mask > 0.5))
+    features = features_around(seen.rgb, seen.head)
+    shown = fields, body_network.over_fields(features, seen.face_mask.shape, fields)
+    whole = _over_cells(person, "body", shown, scene.raster, picture, masks, core & (face_mask > 0.5))
     ratio = fields.shape[2] / face_mask.shape[1]
     return _around(whole, (float(head.middle[0]) * ratio, float(head.middle[1]) * ratio))
 
@@ -167,6 +187,7 @@ def _around(whole: Example, middle: tuple[float, float]) -> Example:
         whole.person,
         whole.at,
         whole.fields[near],
+        whole.features[near],
         whole.labels[near] * inside[..., None],
         whole.visible[near] * inside,
         whole.sample[near] * inside,

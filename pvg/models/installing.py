@@ -14,7 +14,7 @@ from pvg.models.store import sha256, store, verified
 
 __all__ = ["install"]
 
-_MAX_BYTES = 64 << 20  # of one file out of an archive; the largest network has 5 MB
+_MAX_BYTES = 64 << 20  # of one file out of an archive; the largest network has 19 MB
 
 
 def install(*, folder: Path | None = None) -> bool:
@@ -50,7 +50,7 @@ def _converted(model: ModelFile, folder: Path) -> bytes:
             f"{model.member or Path(model.path).name} of {folder} is not the pinned file: sha256 {sha256(data)} "
             f"instead of {model.tflite_sha256}"
         )
-    return convert(data, model.name)
+    return convert(data, model.name, model.outputs)
 
 
 def _find(model: ModelFile, folder: Path) -> bytes:

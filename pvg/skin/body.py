@@ -166,7 +166,7 @@ class BodyTracker:
 
 
 def _believed(seen: FaceInScene, oval: Floats) -> Floats:
-    """(h, w) in [0, 1], the weight of the network: none where nobody is, and none in the face.  oval: see `of_oval`."""
+    """(h, w) in [0, 1], the networks' weight: none where nobody is, and none in the face.  oval: see `of_oval`."""
     beside = smoothstep(oval, *_NETWORK.rise)
     return np.asarray(np.where(seen.person < 255 * _BODY.no_person, 0, _NETWORK.believed * beside), np.float32)
 

@@ -13,10 +13,12 @@ import numpy as np
 
 from pvg._arrays import Floats
 from pvg.skin.face_in_scene import FaceInScene
-from pvg.skin.network import run_network
+from pvg.skin.features import Features, features_around
+from pvg.skin.network import fused, run_network
 from pvg.skin.parameters import SKIN_PRIOR
 
-_BODY, _NETWORK, _NAME = SKIN_PRIOR.body_network, SKIN_PRIOR.network, "body_skin"
+_BODY, _NETWORK = SKIN_PRIOR.body_network, SKIN_PRIOR.network
+_BY_SHAPES, _BY_THINGS = "body_skin", "body_things"
 _NEAR = 3  # cells a side over which unevenness is measured
 
 
@@ -51,6 +53,17 @@ def body_fields(seen: FaceInScene, light: Floats, probability: Floats) -> Floats
     return np.stack(fields).astype(np.float32)
 
 
+def over_fields(features: Features, shape: tuple[int, ...], fields: Floats) -> Floats:
+    """Features over the cells of fields (FIELDS, h', w') of a scene (h, w) in shape: (FEATURES, h', w') float32."""
+    rows, columns = ((np.arange(n) + 0.5) * length / n for n, length in zip(fields.shape[1:], shape, strict=True))
+    return features.over(columns, rows)
+
+
 def predict_body_skin(seen: FaceInScene, light: Floats, probability: Floats) -> Floats:
-    """The network's probability of anybody's skin (h, w) float32; see `body_fields`."""
-    return run_network(_NAME, body_fields(seen, light, probability), probability.shape, _BODY.margin)
+    """The networks' probability of anybody's skin (h, w) float32; see `body_fields`."""
+    shape = probability.shape
+    fields, features = body_fields(seen, light, probability), features_around(seen.rgb, seen.head)
+    by_shapes = run_network(_BY_SHAPES, fields, shape, _BODY.margin)
+    by_things = run_network(_BY_THINGS, np.concatenate([fields, over_fields(features, shape, fields)]), shape)
+    counts = features.inside((shape[0], shape[1]), _BODY.seen_edge * seen.head.size)
+    return fused(by_shapes, by_things, np.float32(_BODY.by_things) * counts)

@@ -100,13 +100,13 @@ def run_network(name: str, fields: Floats, shape: tuple[int, ...], margin: int =
     return np.asarray(cv2.resize(own, shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def fused(by_rules: Floats, predicted: Floats, share: Floats | float = _NETWORK.believed) -> Floats:
-    """The probability whose log-odds are the weighted mean of the rules' and a network's.
+def fused(one: Floats, other: Floats, share: Floats | float = _NETWORK.believed) -> Floats:
+    """The probability whose log-odds are the weighted mean of two, as of the rules' and a network's.
 
-    by_rules, predicted: probabilities (…);  share: the network's weight in [0, 1], (…) or one for all.
+    one, other: probabilities (…);  share: the weight of the other in [0, 1], (…) or one for all.
     """
     weight = np.asarray(share, np.float32)
-    return logistic((1 - weight) * log_odds(by_rules) + weight * log_odds(predicted))
+    return logistic((1 - weight) * log_odds(one) + weight * log_odds(other))
 
 
 def log_odds(probability: Floats) -> Floats:

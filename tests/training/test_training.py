@@ -14,6 +14,7 @@ from benchmarks.quality.labels import SKIN, Label, Region, read_labels
 from benchmarks.quality.regions import labels_of_half
 from pvg.models.networks import OWN
 from pvg.picture import as_picture
+from pvg.skin.features import FEATURES
 from pvg.skin.network import FIELDS
 from tests.gallery.scenes import drawn_face
 from training.augmentation import as_it_is, augmented
@@ -22,6 +23,7 @@ from training.examples import BODY_SIZE, KINDS, Example, body_examples_of, examp
 from training.masks import shares, with_cloth_like_skin
 from training.measuring import measured, predictor_of
 from training.pictures import HERE, training_pictures
+from training.variants import with_variants
 
 
 def test_every_picture_of_the_list_has_its_label_and_no_label_is_without() -> None:
@@ -97,7 +99,9 @@ def test_a_hand_is_neither_skin_of_the_face_nor_none() -> None:
     labels = np.zeros((4, 4, len(KINDS) + 1), np.float32)
     labels[1, 1, SKIN.index("hand")] = 1
     blank = np.ones((4, 4), np.float32)
-    hand = Example("", "key", np.zeros((4, 4, FIELDS), np.float32), labels, blank, blank)
+    hand = Example(
+        "", "key", np.zeros((4, 4, FIELDS), np.float32), np.zeros((4, 4, 0), np.float32), labels, blank, blank
+    )
     assert as_it_is(hand).weight[1, 1] == 0
     assert as_it_is(hand).weight[0, 0] == 1
 
@@ -110,7 +114,7 @@ def test_a_scene_is_kept_around_the_head_and_hands_count_there() -> None:
     masks[SKIN.index("face")], masks[SKIN.index("hand")] = scene.skin, hand
     (body,) = body_examples_of("drawn", as_picture(scene.rgb), scene.landmarks, [*masks, scene.skin | hand], [])
     assert body.at == "body"
-    assert body.fields.shape == (*BODY_SIZE, FIELDS)
+    assert (body.fields.shape, body.features.shape) == ((*BODY_SIZE, FIELDS), (*BODY_SIZE, FEATURES))
     sample = as_it_is(body)
     face, there = body.labels[..., SKIN.index("face")] > 0.5, body.labels[..., SKIN.index("hand")] > 0.5
     assert there.any()
@@ -122,6 +126,23 @@ def test_a_scene_is_kept_around_the_head_and_hands_count_there() -> None:
     assert 30 < rows.min() < 40  # half a face above row 48
     assert body.visible[-1].max() == 0
     assert face[body.sample > 0.5].mean() > 0.95
+
+
+def test_variants_are_pictures_with_the_same_labels_and_repeatable() -> None:
+    """What another network sees of them is told anew: it is no field of the picture as it was."""
+    scene = drawn_face(width=120, center=(160, 150))
+    picture, masks = as_picture(scene.rgb), [scene.skin, *[np.zeros_like(scene.skin)] * len(KINDS[1:]), scene.skin]
+    make = with_variants(body_examples_of, 2)
+    first, *others = make("drawn", picture, scene.landmarks, masks, [])
+    again = make("drawn", picture, scene.landmarks, masks, [])
+    for one, same in zip([first, *others], again, strict=True):
+        assert np.array_equal(one.fields, same.fields)
+        assert np.array_equal(one.features, same.features)
+    assert len(others) == 2
+    for other in others:
+        assert np.array_equal(other.labels, first.labels)
+        assert np.abs(other.fields[..., :3] - first.fields[..., :3]).mean() > 0.005
+        assert np.abs(other.features - first.features).mean() > 0.05
 
 
 def test_shares_of_regions_are_of_what_later_ones_leave() -> None:

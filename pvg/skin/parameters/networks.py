@@ -29,7 +29,11 @@ class BodyNetworkNumbers:
     """What the network of the body is shown, and how far it is believed; the rest is as of the face's."""
 
     face_cells: float = 24.0  # cells a face size at most [by eye]: the network was trained so
+    seen_sizes: float = 9.0  # face sizes a side [by eye] of what features are told in: as trained
+    seen_below: float = 2.0  # face sizes [by eye] that its middle lies below the head's: as trained
+    seen_edge: float = 1.0  # face sizes [by eye] within which it counts less towards an end that is not the scene's
     far: float = 3.0  # face sizes [by eye]: farther places are hardly told apart; as trained
     rise: Range = (1.3, 1.6)  # of the face's oval, off which it counts [measured: from 1.1 on red ears lose 7 %]
     margin: int = 8  # cells around the scene [by eye]: in training more lay around it
-    believed: float = 0.6  # of the log-odds, the rest the rules' [measured: 0.6 to 1 on pictures new to both]
+    by_things: float = 0.5  # of the networks' log-odds, the rest by shapes [measured: of 0, 0.3, 0.5, 0.7 and 1 best]
+    believed: float = 0.85  # of the log-odds, the rest the rules' [measured: from 0.9 on an arm is lost for a frame]
