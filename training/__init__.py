@@ -1,1 +1,1 @@
-"""Training of the network that refines skin masks, `pvg/models/face_skin.onnx`; see the README beside this file."""
+"""Training of the networks that refine skin masks, the `.onnx` files of `pvg/models`; see the README here."""

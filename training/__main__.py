@@ -1,6 +1,6 @@
 """`python -m training examples --half tune OUT.npz`, then `python -m training fit OUT.npz --onnx NET.onnx`.
 
-With `--net body` examples are of the network of the body.
+With `--net body` examples are of the networks of the body; `fit-cells` fits the one that looks at single cells.
 """
 
 from __future__ import annotations

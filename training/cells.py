@@ -1,7 +1,7 @@
 """The network that looks at one cell of a scene at a time: what it is, how it is fitted, and its export.
 
 It is shown what `pvg.skin.features` knows of the things there, which is much for so few people: so the features are
-brought to their principal components, of which the first count, and half of what is left is dropped while it is fitted.
+brought to their principal components, of which the first count, and some of them are dropped while it is fitted.
 Fitted whole, in a U-Net, they did worse (docs/quality/networks.md).
 """
 
@@ -30,7 +30,9 @@ _LEAST_CELLS, _LEAST_FACE = 50, 30  # of an example that counts
 _PEOPLE = 0.2  # of the person mask: elsewhere nothing is skin anyway
 _SURE = SKIN_PRIOR.network.sure
 _PERSON, _FACE_MASK, _ACROSS, _DOWN, _GUESS = 6, 7, 8, 9, 11  # of the fields
-_OVAL = 1.3 * 0.55, 1.3 * 0.7  # face sizes from the head's middle, across and down: farther out the network counts
+_OVAL = SKIN_PRIOR.body_network.rise[0] * np.array(
+    [0.55, 0.7]
+)  # face sizes from the head's middle, across and down: farther out the network counts
 
 
 class CellNet(nn.Module):

@@ -31,7 +31,8 @@ os.register_at_fork(after_in_child=_new_lock)
 def load(name: str, threads: int = 1) -> onnxruntime.InferenceSession:
     """Return the session of one network of MODELS or OWN, made once a process and thread count, whoever asks.
 
-    Inputs are float32, of MODELS (1, 256, 256, 3) RGB; the file's sha256 is checked before it is used.
+    Inputs are float32, of MODELS (1, 256, 256, 3) RGB, of efficientnet_lite0 224 a side; the file's sha256 is checked
+    before it is used.
     Raises ModelError when the weights are missing or altered, KeyError for an unknown name.
     """
     key = (os.getpid(), os.environ.get("PVG_CACHE_DIR"), name, threads)

@@ -51,7 +51,8 @@ def verified(model: ModelFile) -> bytes:
         raise ModelError(f"the weights {model.name} are not installed in {folder}; {_REMEDY}") from error
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ModelError(f"the weights {model.name} in {folder} are unreadable; {_REMEDY}") from error
-    if source_sha256 != model.tflite_sha256 or onnx_sha256 != sha256(data):
+    is_cut_there = expected.get("outputs", []) == list(model.outputs)
+    if source_sha256 != model.tflite_sha256 or onnx_sha256 != sha256(data) or not is_cut_there:
         raise ModelError(f"the weights {path} are not the pinned ones (sha256 differs); {_REMEDY}")
     return data
 
@@ -86,6 +87,7 @@ def store(converted: Mapping[str, bytes]) -> None:
                 "tflite_sha256": MODELS[name].tflite_sha256,
                 "onnx_sha256": sha256(data),
                 "package": MODELS[name].package.requirement,
+                "outputs": list(MODELS[name].outputs),
             }
         # last, so that a crash before it leaves a folder that is refused and made anew
         _write_atomically(folder / "manifest.json", json.dumps(manifest, indent=2).encode())

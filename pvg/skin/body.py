@@ -2,9 +2,9 @@
 
 In every cell of a scene the log-odds add up: how alike its colour is to the face's own, its hue more than its light;
 what the key frame saw of that colour beside the face; the person mask; evenness; against what lies around the head,
-which is hair or the face's; and for what the face's own mask calls neck. A network has its say off the face's oval, for
-hair, cloth and walls of the skin's colour. What is likely skin then counts where it touches the face or makes a part
-that is surely skin, and is made steady in time as the face's matte is.
+which is hair or the face's; and for what the face's own mask calls neck. Two networks have their say off the face's
+oval, for hair, cloth and walls of the skin's colour. What is likely skin then counts where it touches the face or makes
+a part that is surely skin, and is made steady in time as the face's matte is.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ _EDGE_BLUR = 1.0  # cells around the mask's edge
 class _Asked:
     """What costs much and is asked for in some scenes only, between them it moves with the picture: (h, w) float32.
 
-    hair: nats against skin, see `hair_odds`;  predicted: the network's probability of skin.
+    hair: nats against skin, see `hair_odds`;  predicted: the networks' probability of skin.
     """
 
     hair: Floats

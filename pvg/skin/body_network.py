@@ -1,6 +1,6 @@
-"""A network's opinion of a person's skin off the face: what colour and place do not tell of a whole picture.
+"""Two networks' opinion of a person's skin off the face: what colour and place do not tell of a whole picture.
 
-Long fair hair on shoulders, cloth and walls of the skin's colour. It is made as the one of the face's box is
+Long fair hair on shoulders, cloth and walls of the skin's colour. The first is made as the one of the face's box is
 (`pvg.skin.network`), and asked of the whole scene at 24 cells a face size, or the scene's own if those are larger: the
 colours, plain and beside the face's own, the person mask, the face's mask, where the head is, how uneven the scene is
 there, and what the rules think.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Floats, smoothstep
 from pvg.skin.face_in_scene import FaceInScene
 from pvg.skin.features import Features, features_around
 from pvg.skin.network import fused, run_network
@@ -23,7 +23,7 @@ _NEAR = 3  # cells a side over which unevenness is measured
 
 
 def body_fields(seen: FaceInScene, light: Floats, probability: Floats) -> Floats:
-    """What the network is shown: (FIELDS, h', w') float32.
+    """What both networks are shown: (FIELDS, h', w') float32.
 
     seen: in usual light;  light: (3,) RGB, the face's colour there;  probability: (h, w), of skin so far.
     """
@@ -66,4 +66,5 @@ def predict_body_skin(seen: FaceInScene, light: Floats, probability: Floats) -> 
     by_shapes = run_network(_BY_SHAPES, fields, shape, _BODY.margin)
     by_things = run_network(_BY_THINGS, np.concatenate([fields, over_fields(features, shape, fields)]), shape)
     counts = features.inside((shape[0], shape[1]), _BODY.seen_edge * seen.head.size)
-    return fused(by_shapes, by_things, np.float32(_BODY.by_things) * counts)
+    off_face = smoothstep(seen.head.of_oval(shape), 1.0, _BODY.rise[0])  # it was fitted to nothing of a face
+    return fused(by_shapes, by_things, _BODY.by_things * counts * off_face)

@@ -30,7 +30,7 @@ FEATURES = sum(CHANNELS)
 class Features:
     """Maps (c, n, n) float32 over a square of the cells of a scene.
 
-    left, top: of the square, cells;  side: its length, cells.
+    left, top: of the square, cells from the scene's corner;  side: its length, cells.
     """
 
     left: float
@@ -52,14 +52,18 @@ class Features:
     def inside(self, shape: tuple[int, int], ramp: float) -> Floats:
         """(h, w) float32 in [0, 1] over the cells of the scene: how far inside the square each lies.
 
-        0 from its ends on, 1 from `ramp` cells within; where the scene ends first, nothing is lost.
+        0 from its ends on and 1 from `ramp` cells within, where the scene goes on for as much; where it ends with the
+        square, nothing is lost.
         """
 
         def along(start: float, length: int) -> Floats:
             at = np.arange(length, dtype=np.float32) + np.float32(0.5)
-            low = np.clip((at - start) / ramp, 0, 1) if start > 0 else np.ones_like(at)
             end = start + self.side
-            return np.asarray(low * np.clip((end - at) / ramp, 0, 1) if end < length else low, np.float32)
+            low, high = (
+                np.clip((off + max(ramp - beyond, 0.0)) / ramp, 0, 1)
+                for off, beyond in ((at - start, start), (end - at, length - end))
+            )
+            return np.asarray(low * high, np.float32)
 
         return np.minimum(along(self.top, shape[0])[:, None], along(self.left, shape[1]))
 

@@ -85,7 +85,7 @@ def predict_skin(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats
 
 
 def run_network(name: str, fields: Floats, shape: tuple[int, ...], margin: int = 0) -> Floats:
-    """The output of one of our own networks for fields (FIELDS, h', w'): the probability of skin (h, w), float32.
+    """The output of one of our own networks for fields (c, h', w'): the probability of skin (h, w), float32.
 
     name: of the model;  shape: (h, w) of the output;  margin: cells around in which the edge is repeated, for networks
     answer otherwise beside an edge.

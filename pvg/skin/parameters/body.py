@@ -75,9 +75,9 @@ class BodyNumbers:
     edge_soft: float = 0.8  # cells [measured: chosen blind over none 14 times of 20]: of the matte's edge
     join: int = 5  # cells [by eye]: gaps narrower than this join parts
     least_part: float = 0.015  # squared face sizes of a part that does not touch the face [by eye]: a hand
-    sure: float = 0.7  # mean probability of such a part [measured: at 0.85 an arm is lost that the network doubts]
+    sure: float = 0.7  # mean probability of such a part [measured: before ADR 0075, at 0.85 an arm is lost]
     part_person: float = 0.78  # mean of the person mask there [measured: hands 0.83 and more, floors 0.76 and less]
-    sure_alone: float = 0.88  # mean probability of a part with less of it [measured: hands 0.92, floors up to 0.82]
+    sure_alone: float = 0.88  # mean probability of a part with less [measured: before 0075, hands 0.92, floors 0.82]
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     gap: float = 0.12  # face sizes [by eye]: half the widest gap between the mattes of face and body
     gap_face: float = 0.9  # of the face's matte [by eye]: what has less may be of a gap

@@ -26,7 +26,7 @@ class NetworkNumbers:
 
 @dataclass(frozen=True)
 class BodyNetworkNumbers:
-    """What the network of the body is shown, and how far it is believed; the rest is as of the face's."""
+    """What the networks of the body are shown, and how far they are believed; the rest is as of the face's."""
 
     face_cells: float = 24.0  # cells a face size at most [by eye]: the network was trained so
     seen_sizes: float = 9.0  # face sizes a side [by eye] of what features are told in: as trained

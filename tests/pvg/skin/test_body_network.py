@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ import pytest
 from pvg.face import Landmarks
 from pvg.skin import SceneReader, SkinTracker, body_network, fit_skin_model, network
 from pvg.skin.face_in_scene import FaceInScene
+from pvg.skin.features import features_around
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import head_shape
 from tests.conftest import Samples
@@ -81,8 +82,26 @@ def test_a_patch_of_wall_that_the_rules_took_is_no_skin_and_a_hole_in_a_neck_is(
 def test_what_is_right_stays(shown: Shown) -> None:
     """Around the head: hands, which two of the three show, are none of the face's mask, and are found anew."""
     by_rules = np.where(shown.skin, 0.95, 0.05).astype(np.float32)
-    # in the face the networks do not count, and that by things was not fitted there
+    # in the face the networks do not count
     oval = shown.seen.head.of_oval(shown.skin.shape)
-    found = np.where(oval > SKIN_PRIOR.body_network.rise[0], shown.predicted(by_rules), by_rules) > 0.5
-    found &= oval < _HANDS
-    assert (found & shown.skin).sum() / (found | shown.skin).sum() > 0.95
+    there = (oval > SKIN_PRIOR.body_network.rise[0]) & (oval < _HANDS)
+    found = shown.predicted(by_rules) > 0.5
+    assert (found != shown.skin)[there].mean() < 0.02
+
+
+def test_what_both_networks_say_counts_off_the_face_where_features_are_told(
+    shown: Shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = {"body_skin": 0.8, "body_things": 0.2}
+    monkeypatch.setattr(
+        body_network, "run_network", lambda name, fields, shape, margin=0: np.full(shape, said[name], np.float32)
+    )
+    head = shown.seen.head  # as small as that of somebody far away
+    beside = replace(shown.seen, head=replace(head, width=head.width / 6, height=head.height / 6))
+    found = body_network.predict_body_skin(beside, shown.light, shown.skin.astype(np.float32))
+    oval, ramp = beside.head.of_oval(found.shape), SKIN_PRIOR.body_network.seen_edge * beside.head.size
+    inside = features_around(beside.rgb, beside.head).inside(shown.skin.shape, ramp)
+    regions = {"face": (oval < 0.9, 0.8), "near": ((oval > 1.5) & (inside == 1), 0.5), "far": (inside == 0, 0.8)}
+    for where, expected in regions.values():
+        assert where.sum() > 10
+        np.testing.assert_allclose(found[where], expected, atol=1e-5)
