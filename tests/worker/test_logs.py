@@ -15,7 +15,6 @@ from worker import stopping
 from worker.runner import Runner
 
 STARTED = """
-import os
 from unittest import mock
 from celery.signals import worker_init
 from worker import lifeline
@@ -29,7 +28,6 @@ with mock.patch.object(lifeline, "die_with_starter"), mock.patch.object(SandboxS
     with mock.patch.object(app, "wait_for_weights", create=True), mock.patch("threading.excepthook"):
         with mock.patch("threading.Event.wait"):
             worker_init.send(sender=None)
-os._exit(0)  # threads that began may wait for a worker's end, which does not come
 """
 
 

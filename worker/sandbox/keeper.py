@@ -95,6 +95,8 @@ class SandboxServer:
                 )
             finally:
                 os.close(writing)
+            if self._stop.is_set():  # `stop` may have seen the process before this one, or none
+                self._process.kill()
             told = pipe.read()  # it closes its end once it is ready, or when it ends
         if told:
             if not self._ready.is_set():

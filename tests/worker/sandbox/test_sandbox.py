@@ -10,6 +10,7 @@ import re
 import socket
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -343,3 +344,27 @@ def test_a_fork_server_that_cannot_be_started_is_tried_again(
     assert failures == []
     job = done(runner, database, add(database, settings, f"answer {json.dumps(GOOD)}").job_id)
     assert job.state == JobState.SUCCEEDED
+
+
+def test_a_server_that_is_stopped_as_its_process_begins_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever stopped it saw the process before this one, or none, and would wait for its end for ever."""
+    server = SandboxServer("stopped", calls="tests.worker.sandbox.hostile")
+    real, stopping, begun = subprocess.Popen, threading.Thread(target=server.stop), list[subprocess.Popen[bytes]]()
+
+    def begins_late(*args: Any, **options: Any) -> subprocess.Popen[bytes]:
+        stopping.start()
+        until(server._stop.is_set)
+        time.sleep(0.2)  # until it waits for the thread
+        begun.append(real(*args, **options))
+        return begun[0]
+
+    monkeypatch.setattr(keeper.subprocess, "Popen", begins_late)
+    server.lobby, server._entrance = socket.socketpair()
+    server._thread.start()
+    server._thread.join(30)
+    try:
+        assert not server._thread.is_alive()
+        assert begun[0].poll() is not None
+    finally:
+        begun[0].kill()
+        stopping.join(30)
