@@ -56,7 +56,8 @@ def main() -> None:
     from training import fitting, network  # noqa: PLC0415
 
     if options.what == "fit-cells":
-        of_cells.export_cells(of_cells.fit_cells(load(options.examples), options.steps, options.seed), options.onnx)
+        net = of_cells.fit_cells(load(options.examples), options.steps, options.seed)
+        network.export(net, options.onnx, of_cells.CELL_FIELDS)
         return
     net = fitting.fit(load(options.examples), load(options.test), options.steps, options.seed, options.start)
     if options.onnx:

@@ -1,4 +1,4 @@
-"""The network that looks at one cell of a scene at a time: what it is, how it is fitted, and its export.
+"""The network that looks at one cell of a scene at a time: what it is, and how it is fitted.
 
 It is shown what `pvg.skin.features` knows of the things there, which is much for so few people: so the features are
 brought to their principal components, of which the first count, and some of them are dropped while it is fitted.
@@ -7,8 +7,6 @@ Fitted whole, in a U-Net, they did worse (docs/quality/networks.md).
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -16,11 +14,12 @@ from torch import nn
 from torch.nn import functional
 
 from pvg._arrays import Bools, Floats
-from pvg.skin.features import CHANNELS
+from pvg.skin.features import CHANNELS, FEATURES
 from pvg.skin.network import FIELDS
 from pvg.skin.parameters import SKIN_PRIOR
 from training.examples import KINDS, Example
 
+CELL_FIELDS = FIELDS + FEATURES
 _BATCH, _RATE, _DECAY = 4096, 3e-3, 1e-2
 _WIDTH, _COMPONENTS = 32, 24  # of the hidden layer; of each of the layers that features are of
 _MOST = 2500  # cells of an example
@@ -30,13 +29,12 @@ _LEAST_CELLS, _LEAST_FACE = 50, 30  # of an example that counts
 _PEOPLE = 0.2  # of the person mask: elsewhere nothing is skin anyway
 _SURE = SKIN_PRIOR.network.sure
 _PERSON, _FACE_MASK, _ACROSS, _DOWN, _GUESS = 6, 7, 8, 9, 11  # of the fields
-_OVAL = SKIN_PRIOR.body_network.rise[0] * np.array(
-    [0.55, 0.7]
-)  # face sizes from the head's middle, across and down: farther out the network counts
+# face sizes from the head's middle, across and down: farther out the network counts
+_OVAL = SKIN_PRIOR.body_network.rise[0] * np.array([0.55, 0.7])
 
 
 class CellNet(nn.Module):
-    """Fields and features (n, FIELDS + FEATURES, h, w) to log-odds of skin (n, h, w), each cell by itself."""
+    """Fields and features (n, CELL_FIELDS, h, w) to log-odds of skin (n, h, w), each cell by itself."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -102,7 +100,7 @@ def _cells(example: Example, rng: np.random.Generator) -> tuple[Floats, Floats, 
     if len(places) < _LEAST_CELLS or face < _LEAST_FACE:
         return None
     kept = rng.choice(places, min(len(places), _MOST), replace=False)
-    both = np.concatenate([example.fields, example.features], axis=2).reshape(-1, FIELDS + sum(CHANNELS))[kept]
+    both = np.concatenate([example.fields, example.features], axis=2).reshape(-1, CELL_FIELDS)[kept]
     weight = len(places) / len(kept) / face * (1 + _RARE * example.labels[..., _RARE_KINDS].sum(axis=2).ravel()[kept])
     return np.asarray(both, np.float32), np.asarray(skin.ravel()[kept], np.float32), np.asarray(weight, np.float32)
 
@@ -129,27 +127,3 @@ def _set_components(layer: nn.Conv2d, features: Floats) -> None:
     with torch.no_grad():
         layer.weight.copy_(torch.from_numpy(np.ascontiguousarray(weights.T))[..., None, None])
         layer.bias.copy_(torch.from_numpy(-mean @ weights))
-
-
-class _Probability(nn.Module):
-    def __init__(self, net: CellNet) -> None:
-        super().__init__()
-        self.net = net
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        return torch.sigmoid(self.net(x))[:, None]
-
-
-def export_cells(net: CellNet, path: Path) -> None:
-    """Write it as `pvg.skin.body_network` runs it: "fields" (1, FIELDS + FEATURES, h, w) to "skin" (1, 1, h, w)."""
-    side = SKIN_PRIOR.network.multiple
-    torch.onnx.export(
-        _Probability(net.eval()),
-        (torch.zeros(1, FIELDS + sum(CHANNELS), 8 * side, 5 * side),),
-        str(path),
-        input_names=["fields"],
-        output_names=["skin"],
-        dynamic_axes={name: {2: "h", 3: "w"} for name in ("fields", "skin")},
-        opset_version=17,
-        dynamo=False,
-    )

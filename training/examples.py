@@ -41,6 +41,21 @@ _CORE = 0.8  # of the face's oval, where its own colour is taken
 
 
 @dataclass(frozen=True, eq=False)
+class Labelled:
+    """A labelled face: what examples are made of.
+
+    person: as an example's;  masks: (H, W) bool each, of its labels;  keys: other frames that a track may have learned
+    on.
+    """
+
+    person: str
+    picture: Picture
+    landmarks: Landmarks
+    masks: list[Bools]
+    keys: list[tuple[Picture, Landmarks]]
+
+
+@dataclass(frozen=True, eq=False)
 class Example:
     """What the network is shown of one face, and what is there.
 
@@ -75,17 +90,9 @@ class _Recorder:
         return np.asarray(asked[-1], np.float32)
 
 
-def examples_of(
-    person: str,
-    picture: Picture,
-    landmarks: Landmarks,
-    masks: list[Bools],
-    keys: list[tuple[Picture, Landmarks]],
-) -> list[Example]:
-    """The examples of one labelled face: as a key frame, and following itself and other key frames.
-
-    masks: (H, W) bool each, as an example's labels.
-    """
+def examples_of(face: Labelled) -> list[Example]:
+    """The examples of one labelled face: as a key frame, and following itself and other key frames."""
+    person, picture, landmarks, masks = face.person, face.picture, face.landmarks, face.masks
     recorder = _Recorder()
     with mock.patch.object(network, "predict_skin", recorder):
         model = fit_skin_model(picture, landmarks)
@@ -93,7 +100,7 @@ def examples_of(
             raise ValueError("the paper's rule asks no network")
         raster = learning_raster(landmarks, bald=model.learned.bald)
         out = [_example(person, "key", raster, picture, masks, recorder)]
-        for other in [model, *(fit_skin_model(*key) for key in keys)]:
+        for other in [model, *(fit_skin_model(*key) for key in face.keys)]:
             tracker = SkinTracker(other)
             tracker.step(picture, landmarks)
             if tracker.in_time is not None:
@@ -141,21 +148,16 @@ def _over_cells(
     return Example(person, at, fields, features, labels, visible, sampled)
 
 
-def body_examples_of(
-    person: str,
-    picture: Picture,
-    landmarks: Landmarks,
-    masks: list[Bools],
-    keys: list[tuple[Picture, Landmarks]],
-) -> list[Example]:
+def body_examples_of(face: Labelled) -> list[Example]:
     """The scene around a labelled face, once by what was learned on itself and once by each other key frame."""
-    models = [fit_skin_model(*key) for key in [(picture, landmarks), *keys]]
-    return [_body_example(person, picture, landmarks, masks, model) for model in models]
+    models = [fit_skin_model(*key) for key in [(face.picture, face.landmarks), *face.keys]]
+    return [_body_example(face, model) for model in models]
 
 
-def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: list[Bools], model: SkinModel) -> Example:
+def _body_example(labelled: Labelled, model: SkinModel) -> Example:
     if model.learned is None:
         raise ValueError("the paper's rule asks no network")
+    picture, landmarks = labelled.picture, labelled.landmarks
     scene = SceneReader().step(picture, (landmarks,))
     skin = SkinTracker(model)
     face = skin.step(picture, landmarks, scene)
@@ -170,7 +172,7 @@ def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: li
     core = head.of_oval(face_mask.shape) < _CORE
     features = features_around(seen.rgb, seen.head)
     shown = fields, body_network.over_fields(features, seen.face_mask.shape, fields)
-    whole = _over_cells(person, "body", shown, scene.raster, picture, masks, core & (face_mask > 0.5))
+    whole = _over_cells(labelled.person, "body", shown, scene.raster, picture, labelled.masks, core & (face_mask > 0.5))
     ratio = fields.shape[2] / face_mask.shape[1]
     return _around(whole, (float(head.middle[0]) * ratio, float(head.middle[1]) * ratio))
 
@@ -194,7 +196,7 @@ def _around(whole: Example, middle: tuple[float, float]) -> Example:
     )
 
 
-Maker = Callable[[str, Picture, Landmarks, list[Bools], list[tuple[Picture, Landmarks]]], list[Example]]
+Maker = Callable[[Labelled], list[Example]]
 
 
 def _masks(label: Label, person: int) -> list[Bools]:
@@ -220,7 +222,7 @@ def of_benchmark(half: Half, assets: Path, make: Maker = examples_of) -> list[Ex
                         keys.append((as_picture(source_frame(video, frame).rgb()), other.landmarks))
                 picture = as_picture(source_frame(video, label.frame).rgb())
                 name = f"{label.media.stem}, person {person}"
-                out += make(name, picture, data.landmarks, _masks(label, person), keys)
+                out += make(Labelled(name, picture, data.landmarks, _masks(label, person), keys))
         print(f"{label.name}: {len(out)} examples", flush=True)
     return out
 
@@ -236,6 +238,7 @@ def of_packages(assets: Path, use: Use = "fit", make: Maker = examples_of) -> li
             if found is None:
                 print(f"{one.name}: no face")
                 continue
-        out += make(one.name, as_picture(read_picture(path, 0)), found[1].landmarks, _masks(label, 0), [])
+        picture = as_picture(read_picture(path, 0))
+        out += make(Labelled(one.name, picture, found[1].landmarks, _masks(label, 0), []))
         print(f"{one.name}: {len(out)} examples", flush=True)
     return out

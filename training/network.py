@@ -72,7 +72,7 @@ def load(path: Path) -> SkinNet:
 
 
 class _Probability(nn.Module):
-    def __init__(self, net: SkinNet) -> None:
+    def __init__(self, net: nn.Module) -> None:
         super().__init__()
         self.net = net
 
@@ -80,10 +80,10 @@ class _Probability(nn.Module):
         return torch.sigmoid(self.net(x))[:, None]
 
 
-def export(net: SkinNet, path: Path) -> None:
-    """Write it as `pvg.skin.network` runs it: "fields" (1, FIELDS, h, w) to "skin" (1, 1, h, w)."""
+def export(net: nn.Module, path: Path, fields: int = FIELDS) -> None:
+    """Write a network of log-odds as `pvg.skin.network` runs it: "fields" (1, fields, h, w) to "skin" (1, 1, h, w)."""
     side = SKIN_PRIOR.network.multiple
-    example = torch.zeros(1, FIELDS, 8 * side, 5 * side)
+    example = torch.zeros(1, fields, 8 * side, 5 * side)
     axes = {name: {2: "h", 3: "w"} for name in ("fields", "skin")}
     torch.onnx.export(
         _Probability(net.eval()),

@@ -7,32 +7,27 @@ would not know. So some pictures are made anew in full: other hair, cloth and wa
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
-from pvg.face import Landmarks
-from pvg.picture import Picture, as_picture
+from pvg._arrays import Bytes, Floats
+from pvg.picture import as_picture
 from training.augmentation import other_picture
-from training.examples import Example, Maker
+from training.examples import Example, Labelled, Maker
 
 
 def with_variants(make: Maker, count: int) -> Maker:
     """What `make` makes of a labelled picture, and of `count` others that are made of it."""
 
-    def maker(
-        person: str,
-        picture: Picture,
-        landmarks: Landmarks,
-        masks: list[Bools],
-        keys: list[tuple[Picture, Landmarks]],
-    ) -> list[Example]:
-        rng = np.random.default_rng(int(hashlib.sha256(person.encode()).hexdigest()[:8], 16))
-        out = make(person, picture, landmarks, masks, keys)
-        rgb = np.asarray(picture.rgb(), np.float32) / np.float32(255)
-        labels = np.stack(masks, axis=-1).astype(np.float32)
+    def maker(face: Labelled) -> list[Example]:
+        rng = np.random.default_rng(int(hashlib.sha256(face.person.encode()).hexdigest()[:8], 16))
+        out = make(face)
+        rgb = np.asarray(face.picture.rgb(), np.float32) / np.float32(255)
+        labels = np.stack(face.masks, axis=-1).astype(np.float32)
         for _ in range(count):
-            out += make(person, as_picture(_bytes(other_picture(rgb, labels, rng))), landmarks, masks, [])
+            other = as_picture(_bytes(other_picture(rgb, labels, rng)))
+            out += make(replace(face, picture=other, keys=[]))
         return out
 
     return maker

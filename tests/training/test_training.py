@@ -19,7 +19,7 @@ from pvg.skin.network import FIELDS
 from tests.gallery.scenes import drawn_face
 from training.augmentation import as_it_is, augmented
 from training.example_files import load, save
-from training.examples import BODY_SIZE, KINDS, Example, body_examples_of, examples_of
+from training.examples import BODY_SIZE, KINDS, Example, Labelled, body_examples_of, examples_of
 from training.masks import shares, with_cloth_like_skin
 from training.measuring import measured, predictor_of
 from training.pictures import HERE, training_pictures
@@ -50,7 +50,7 @@ def example() -> Example:
     scene = drawn_face(width=120, center=(160, 150))
     face = scene.skin
     masks = [face, *[np.zeros_like(face) for _ in KINDS[1:]], face]
-    key, track = examples_of("drawn", as_picture(scene.rgb), scene.landmarks, masks, [])
+    key, track = examples_of(Labelled("drawn", as_picture(scene.rgb), scene.landmarks, masks, []))
     assert (key.at, track.at) == ("key", "track")
     return key
 
@@ -112,7 +112,9 @@ def test_a_scene_is_kept_around_the_head_and_hands_count_there() -> None:
     hand[230:240, 20:40] = True
     masks = [np.zeros_like(hand) for _ in KINDS]
     masks[SKIN.index("face")], masks[SKIN.index("hand")] = scene.skin, hand
-    (body,) = body_examples_of("drawn", as_picture(scene.rgb), scene.landmarks, [*masks, scene.skin | hand], [])
+    (body,) = body_examples_of(
+        Labelled("drawn", as_picture(scene.rgb), scene.landmarks, [*masks, scene.skin | hand], [])
+    )
     assert body.at == "body"
     assert (body.fields.shape, body.features.shape) == ((*BODY_SIZE, FIELDS), (*BODY_SIZE, FEATURES))
     sample = as_it_is(body)
@@ -133,8 +135,9 @@ def test_variants_are_pictures_with_the_same_labels_and_repeatable() -> None:
     scene = drawn_face(width=120, center=(160, 150))
     picture, masks = as_picture(scene.rgb), [scene.skin, *[np.zeros_like(scene.skin)] * len(KINDS[1:]), scene.skin]
     make = with_variants(body_examples_of, 2)
-    first, *others = make("drawn", picture, scene.landmarks, masks, [])
-    again = make("drawn", picture, scene.landmarks, masks, [])
+    drawn = Labelled("drawn", picture, scene.landmarks, masks, [])
+    first, *others = make(drawn)
+    again = make(drawn)
     for one, same in zip([first, *others], again, strict=True):
         assert np.array_equal(one.fields, same.fields)
         assert np.array_equal(one.features, same.features)
