@@ -41,6 +41,7 @@ def main() -> None:
     cells.add_argument("examples", type=Path, nargs="+")
     cells.add_argument("--steps", type=int, default=1000)
     cells.add_argument("--seed", type=int, default=0)
+    cells.add_argument("--components", type=Path, required=True, help="what brings features to components")
     cells.add_argument("--onnx", type=Path, required=True)
     options = parser.parse_args()
     cv2.setNumThreads(1)
@@ -56,8 +57,9 @@ def main() -> None:
     from training import fitting, network  # noqa: PLC0415
 
     if options.what == "fit-cells":
-        net = of_cells.fit_cells(load(options.examples), options.steps, options.seed)
-        network.export(net, options.onnx, of_cells.CELL_FIELDS)
+        components, of_cell = of_cells.fit_cells(load(options.examples), options.steps, options.seed)
+        of_cells.export_components(components, options.components)
+        network.export(of_cell, options.onnx, of_cells.CELL_FIELDS)
         return
     net = fitting.fit(load(options.examples), load(options.test), options.steps, options.seed, options.start)
     if options.onnx:

@@ -99,6 +99,9 @@ MODELS = {
 OWN = {
     "face_skin": OwnFile("face_skin.onnx", "f30c92b65c11605b30119702cfb6e2d65187244cd2594420594db45d9539df51"),
     "body_skin": OwnFile("body_skin.onnx", "813a85f38a97f53aba391aea633e785efe4c1aa7b79a3456f6774effe0da95ab"),
-    "body_things": OwnFile("body_things.onnx", "1748fb0dacc8b4bbb05afc03e6f52a6b1952f20724e406e2d8e10ff464fd93af"),
+    "body_components": OwnFile(
+        "body_components.onnx", "f0ebbf4606323542478c67212c54308d02e41af11de1c58cc0a0209e0837ef3e"
+    ),
+    "body_things": OwnFile("body_things.onnx", "1d84cc0bd09b015ee141fb0a107bc55a9a7164b392258f069b07bedbe8b277cf"),
 }
 """Trained by `python -m training` on labels of this project's own."""

@@ -54,7 +54,7 @@ def body_fields(seen: FaceInScene, light: Floats, probability: Floats) -> Floats
 
 
 def over_fields(features: Features, shape: tuple[int, ...], fields: Floats) -> Floats:
-    """Features over the cells of fields (FIELDS, h', w') of a scene (h, w) in shape: (FEATURES, h', w') float32."""
+    """All maps over the cells of fields (FIELDS, h', w') of a scene (h, w) in shape: (c, h', w') float32."""
     rows, columns = ((np.arange(n) + 0.5) * length / n for n, length in zip(fields.shape[1:], shape, strict=True))
     return features.over(columns, rows)
 
@@ -64,7 +64,8 @@ def predict_body_skin(seen: FaceInScene, light: Floats, probability: Floats) -> 
     shape = probability.shape
     fields, features = body_fields(seen, light, probability), features_around(seen.rgb, seen.head)
     by_shapes = run_network(_BY_SHAPES, fields, shape, _BODY.margin)
-    by_things = run_network(_BY_THINGS, np.concatenate([fields, over_fields(features, shape, fields)]), shape)
+    things = np.concatenate([fields, over_fields(features.components(), shape, fields)])
+    by_things = run_network(_BY_THINGS, things, shape, multiple=1)
     counts = features.inside((shape[0], shape[1]), _BODY.seen_edge * seen.head.size)
     off_face = smoothstep(seen.head.of_oval(shape), 1.0, _BODY.rise[0])  # it was fitted to nothing of a face
     return fused(by_shapes, by_things, _BODY.by_things * counts * off_face)

@@ -7,7 +7,7 @@ it from. The network is cut off behind those layers (`pvg.models.networks`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,11 +18,13 @@ from pvg._bilinear import read_grid
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
 
-_BODY, _NETWORK = SKIN_PRIOR.body_network, "efficientnet_lite0"
+_BODY, _NETWORK, _COMPONENTS = SKIN_PRIOR.body_network, "efficientnet_lite0", "body_components"
 _SIDE = 224  # pixels a side of what the network sees
 _ZERO, _UNIT = np.float32(127), np.float32(1 / 128)  # how its inputs are scaled: by its model card
 CHANNELS = 40, 112
 """How many features there are: of its layers at an eighth and at a sixteenth of the resolution."""
+SIDES = _SIDE // 8, _SIDE // 16
+"""Places a side of the maps of those layers."""
 FEATURES = sum(CHANNELS)
 
 
@@ -39,8 +41,8 @@ class Features:
     maps: tuple[Floats, ...]
 
     def over(self, columns: Doubles, rows: Doubles) -> Floats:
-        """(FEATURES, h, w) float32 at the places of columns (w,) and rows (h,), cells; the edge's beyond the square."""
-        out = np.empty((FEATURES, len(rows), len(columns)), np.float32)
+        """(c, h, w) float32 of all maps at the places of columns (w,) and rows (h,), cells; outside, the edge."""
+        out = np.empty((sum(map(len, self.maps)), len(rows), len(columns)), np.float32)
         to = iter(out)
         for maps in self.maps:
             step = self.side / maps.shape[1]
@@ -48,6 +50,16 @@ class Features:
             for plane in maps:
                 read_grid(plane, xs, ys, next(to))
         return out
+
+    def components(self) -> Features:
+        """The few components of each map that the network of the body is shown, by weights that are fitted with it.
+
+        They are linear, so that they are the same whether they are taken of maps or of what is read from those; and
+        maps have a tenth of the places. Raises ModelError when the weights are altered.
+        """
+        session = models.load(_COMPONENTS)
+        shown = {one.name: maps[None] for one, maps in zip(session.get_inputs(), self.maps, strict=True)}
+        return replace(self, maps=tuple(found[0] for found in session.run(None, shown)))
 
     def inside(self, shape: tuple[int, int], ramp: float) -> Floats:
         """(h, w) float32 in [0, 1] over the cells of the scene: how far inside the square each lies.

@@ -84,15 +84,16 @@ def predict_skin(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats
     return run_network(_NAME, network_fields(rgb, prior, probability), probability.shape)
 
 
-def run_network(name: str, fields: Floats, shape: tuple[int, ...], margin: int = 0) -> Floats:
+def run_network(
+    name: str, fields: Floats, shape: tuple[int, ...], margin: int = 0, multiple: int = _NETWORK.multiple
+) -> Floats:
     """The output of one of our own networks for fields (c, h', w'): the probability of skin (h, w), float32.
 
     name: of the model;  shape: (h, w) of the output;  margin: cells around in which the edge is repeated, for networks
-    answer otherwise beside an edge.
+    answer otherwise beside an edge;  multiple: of so many cells its sides are made, 1 where each is by itself.
     """
     h, w = fields.shape[1:]
-    side = _NETWORK.multiple
-    edges = [(margin, margin + -(length + 2 * margin) % side) for length in (h, w)]
+    edges = [(margin, margin + -(length + 2 * margin) % multiple) for length in (h, w)]
     padded = np.pad(fields, ((0, 0), *edges), mode="edge")
     session = models.load(name)
     (out,) = session.run(None, {session.get_inputs()[0].name: padded[None]})

@@ -94,7 +94,7 @@ def test_what_both_networks_say_counts_off_the_face_where_features_are_told(
 ) -> None:
     said = {"body_skin": 0.8, "body_things": 0.2}
     monkeypatch.setattr(
-        body_network, "run_network", lambda name, fields, shape, margin=0: np.full(shape, said[name], np.float32)
+        body_network, "run_network", lambda name, fields, shape, *_, **__: np.full(shape, said[name], np.float32)
     )
     head = shown.seen.head  # as small as that of somebody far away
     beside = replace(shown.seen, head=replace(head, width=head.width / 6, height=head.height / 6))

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pvg.skin.features import FEATURES, Features, features_around
+from pvg.skin.features import CHANNELS, FEATURES, SIDES, Features, features_around
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape, head_shape
 from tests.gallery.scenes import drawn_face
@@ -52,6 +52,18 @@ def test_a_thing_is_seen_where_it_is(size: float) -> None:
     change = np.abs(after - before)[:40].sum(axis=0) ** 2  # the finer ones
     middle = (change.sum(0) * columns).sum() / change.sum(), (change.sum(1) * rows).sum() / change.sum()
     assert middle == pytest.approx((162, 108), abs=2)
+
+
+def test_components_are_the_same_of_maps_and_of_what_is_read_from_them() -> None:
+    """They are taken of the maps, of which there are a tenth as many places, though the network was fitted to cells."""
+    found = features_around(_noise((180, 256)), _head(20, (140, 70)))
+    side = SIDES[1]  # of the coarser map, so that it takes what is read as well
+    columns, rows = np.linspace(60, 220, side), np.linspace(20, 170, side)
+    read = np.split(found.over(columns, rows), [CHANNELS[0]])[1]
+    of_read = replace(found, maps=(found.maps[0], read)).components().maps[1]
+    of_maps = found.components().over(columns, rows)
+    assert len(of_maps) < FEATURES / 2
+    np.testing.assert_allclose(of_maps[-len(of_read) :], of_read, atol=1e-4)
 
 
 def test_beyond_the_square_features_are_those_of_its_edge() -> None:
