@@ -7,28 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvg import models
-from pvg._arrays import Bytes, Doubles, Floats
+from pvg._arrays import Bytes, Floats
 from pvg.face import layout
 from pvg.landmarks.detector import Detection
 from pvg.picture import Picture, as_picture
-from pvg.raster import from_edge, scaled_affine
+from pvg.raster import from_edge
+from pvg.region import Region
 
 INPUT_PX = 256
 REGION_GROWTH = 1.5
 """Side of the crop over the longer side of the face box, as the network was trained."""
-
-
-@dataclass(frozen=True)
-class Region:
-    """A square of the picture turned so that the eyes are level: where the mesh is fitted.
-
-    center_x, center_y, size: source pixels; angle: radians, positive when the eye line falls to the right.
-    """
-
-    center_x: float
-    center_y: float
-    size: float
-    angle: float
 
 
 @dataclass(frozen=True)
@@ -45,7 +33,7 @@ class Mesh:
 
 
 def region_of_detection(detection: Detection) -> Region:
-    """Crop for a freshly detected face."""
+    """Crop for a freshly detected face, in which the eyes are level."""
     x0, y0, x1, y1 = (float(value) for value in detection.box)
     dx, dy = (float(value) for value in detection.key_points[1] - detection.key_points[0])
     return Region((x0 + x1) / 2, (y0 + y1) / 2, REGION_GROWTH * max(x1 - x0, y1 - y0), float(np.arctan2(dy, dx)))
@@ -68,36 +56,6 @@ def region_of_points(points: Floats) -> Region:
     )
 
 
-def crop_to_source(region: Region) -> Doubles:
-    """(2, 3) affine map of crop pixel centres to source pixel centres."""
-    scale = region.size / INPUT_PX
-    cos, sin = scale * np.cos(region.angle), scale * np.sin(region.angle)
-    middle = (INPUT_PX - 1) / 2
-    return np.array(
-        [
-            [cos, -sin, region.center_x - middle * (cos - sin)],
-            [sin, cos, region.center_y - middle * (sin + cos)],
-        ]
-    )
-
-
-def crop(picture: Picture, to_source: Doubles, size: float) -> Bytes:
-    """Sample a region of `size` source pixels, (INPUT_PX, INPUT_PX, 3) uint8 RGB.
-
-    A large one is averaged down first so that it does not alias.
-    """
-    if size < 2 * INPUT_PX:
-        return picture.warp(to_source, (INPUT_PX, INPUT_PX))
-    corners = to_source @ np.array([[0, INPUT_PX, 0, INPUT_PX], [0, 0, INPUT_PX, INPUT_PX], [1, 1, 1, 1]], np.float64)
-    x0, y0 = (int(value) for value in np.floor(corners.min(axis=1)))
-    x1, y1 = (int(value) for value in np.ceil(corners.max(axis=1)) + 1)
-    part = picture.part((x0, y0, x1, y1))
-    small, factor = part.reduced(size / INPUT_PX)
-    to_small = to_source.copy()
-    to_small[:, 2] -= part.box[:2]
-    return small.warp(scaled_affine(to_small, 1.0 / factor), (INPUT_PX, INPUT_PX))
-
-
 def fit_landmarks(picture: Picture | Bytes, region: Region | Detection) -> Mesh:
     """Fit the mesh to the face in a region.
 
@@ -108,8 +66,7 @@ def fit_landmarks(picture: Picture | Bytes, region: Region | Detection) -> Mesh:
     if isinstance(region, Detection):
         first = fit_landmarks(picture, region_of_detection(region))
         return fit_landmarks(picture, region_of_points(first.points))
-    to_source = crop_to_source(region)
-    pixels = crop(picture, to_source, region.size)
+    to_source, pixels = region.to_source(INPUT_PX), region.read(picture, INPUT_PX)
     session = models.load("face_landmarks_detector")
     values = np.multiply(pixels[None], np.float32(1 / 255), dtype=np.float32)
     flat, flag = session.run(["Identity", "Identity_1"], {session.get_inputs()[0].name: values})

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bytes, Doubles, Floats
-from pvg.landmarks.mesh import INPUT_PX, Mesh, crop, crop_to_source, region_of_points
+from pvg.landmarks.mesh import INPUT_PX, Mesh, region_of_points
 from pvg.picture import Picture
 
 _CORNERS, _QUALITY, _APART = 120, 0.005, 4.0  # the last in px of the crop, as are those below
@@ -36,8 +36,8 @@ def carried(mesh: Mesh, before: Picture, picture: Picture) -> Mesh | None:
     Pyramidal Lucas-Kanade (Bouguet 2001), forth and back. None when too few corners go together.
     """
     region = region_of_points(mesh.points)
-    to_source = crop_to_source(region)
-    grey, grey_before = (cv2.cvtColor(crop(p, to_source, region.size), cv2.COLOR_RGB2GRAY) for p in (picture, before))
+    to_source = region.to_source(INPUT_PX)
+    grey, grey_before = (cv2.cvtColor(region.read(p, INPUT_PX), cv2.COLOR_RGB2GRAY) for p in (picture, before))
     to_crop = np.asarray(cv2.invertAffineTransform(to_source), np.float64)
     corners = cv2.goodFeaturesToTrack(
         grey_before, _CORNERS, _QUALITY, _APART, mask=_seen_face(_moved(mesh.points, to_crop), to_crop, before.size)

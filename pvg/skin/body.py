@@ -30,6 +30,7 @@ from pvg.skin.learning import LearnedSkin
 from pvg.skin.light import gain_back, gain_of, relit
 from pvg.skin.matte import Matte
 from pvg.skin.network import NetworkOutput, fused
+from pvg.skin.one_person import OthersTracker
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
 from pvg.skin.ring import hair_odds
@@ -91,6 +92,7 @@ class BodyTracker:
         self._before: tuple[Bytes, SkinInTime] | None = None
         self._asked: _Asked | None = None
         self._scenes = 0
+        self._others = OthersTracker()
 
     def step(
         self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats, output: NetworkOutput | None = None
@@ -125,13 +127,16 @@ class BodyTracker:
         share = _owned(scene, landmarks, head)
         if share is not None:
             probability = np.asarray(probability * share, np.float32)
+        before = self._skin_before(scene)
+        keep = None if before is None else before[1]
+        probability[self._others.step(scene, probability > 0.5, head, oval, keep)] = 0
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
         leave_out_hair(probability, seen, hair, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
 
         parts = partial(body_parts, seen=seen)
-        mask, skin = held(probability, self._skin_before(scene), parts, _EDGE_BLUR)
+        mask, skin = held(probability, before, parts, _EDGE_BLUR)
         self._before = scene.rgb, skin
         # the picture decides within the edge as it is drawn; where it does not say, the cells' steps would be seen
         soft = cv2.GaussianBlur(skin.alpha, (0, 0), _BODY.edge_soft)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pvg.skin.parameters._range import Range
 from pvg.skin.parameters.body import BodyNumbers, CollarNumbers, HighlightNumbers, RingNumbers
 from pvg.skin.parameters.clip import ConsensusNumbers, OcclusionNumbers, TrackingNumbers, WarpNumbers
-from pvg.skin.parameters.networks import BodyNetworkNumbers, NetworkNumbers
+from pvg.skin.parameters.networks import BodyNetworkNumbers, NetworkNumbers, OutlineNumbers
 from pvg.skin.parameters.picture import (
     CleanupNumbers,
     ColorNumbers,
@@ -59,6 +59,7 @@ class SkinPrior:
     ring: RingNumbers = field(default_factory=RingNumbers)
     network: NetworkNumbers = field(default_factory=NetworkNumbers)
     body_network: BodyNetworkNumbers = field(default_factory=BodyNetworkNumbers)
+    outline: OutlineNumbers = field(default_factory=OutlineNumbers)
     paper: PaperNumbers = field(default_factory=PaperNumbers)
 
 
