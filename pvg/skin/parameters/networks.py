@@ -55,4 +55,4 @@ class OutlineNumbers:
     every: int = 12  # scenes of a clip [by eye] from one answer to the next
     answers: int = 6  # that the mean is of at most [measured: of 2 and 4 parts of others come and go]
     unlike: float = 0.3  # weight of the scene before in a cell [by eye], below which another thing is there
-    stays: float = 0.15  # more of the mean [measured: at 0 parts come and go] for what was another's in the scene before
+    stays: float = 0.15  # more of the mean for what was another's before [measured: at 0 parts come and go]
