@@ -25,7 +25,7 @@ _OUTLINE, _BODY, _NETWORK = SKIN_PRIOR.outline, SKIN_PRIOR.body, "pose_landmarks
 _SIDE = 256  # pixels a side of what the network sees
 _BEYOND = 0  # their level where there is no picture
 _SURE = 20.0  # nats: its log-odds reach a thousand
-_JOINED = 2  # cells around another's skin that go with it, where the outline ends
+_RIM = 2  # cells around another's skin, less likely than that, which go with it
 
 
 def may_be_others(likely: Bools, oval: Floats, size: float) -> bool:
@@ -93,7 +93,10 @@ class OthersTracker:
             return np.zeros(likely.shape, np.bool_)
         others = others_skin(likely, known, oval, head.size)
         self._known = replace(known, others=others.astype(np.float32))
-        return others
+        if not others.any():
+            return others
+        around = cv2.dilate(others.view(np.uint8), np.ones((2 * _RIM + 1,) * 2, np.uint8)) > 0
+        return others | around & ~likely
 
     def _asked_for(self, known: Known | None, likely: Bools) -> Bools:
         """(h, w) bool, the likely skin of which it is asked now whose it is.
@@ -107,12 +110,12 @@ class OthersTracker:
         return likely & (known.answers < 1)
 
     def _moved(self, scene: Scene, keep: Floats | None) -> Known | None:
-        """What is known where its cells are now, nothing of what is new there."""
+        """What is known where its cells are now: nothing of what is new there, but another's limb moves as one."""
         if self._known is None or keep is None or scene.before is None or scene.changed:
             return None
         known = self._known
         outline, answers, others = moved_layers([known.outline, known.answers, known.others], scene.before)
-        answers[keep < _OUTLINE.unlike] = 0
+        answers[(keep < _OUTLINE.unlike) & (others < 0.5)] = 0
         return Known(outline, answers, others)
 
 
@@ -128,11 +131,12 @@ def _with(known: Known | None, said: Floats) -> Known:
 def others_skin(likely: Bools, known: Known, oval: Floats, size: float) -> Bools:
     """(h, w) bool, what is likely skin (h, w), off the face, and of somebody else: whole parts of it, or none.
 
-    The outline ends some cells from where a limb does, so that a part counts as another's by its mean. What is new and
-    was no other's counts as this person's until it is asked for.
+    The outline ends some cells from where a limb does and is unsure here and there; a limb of two colours is worse than
+    one of the wrong colour. So a connected part counts as another's, or not, by its mean. What is new and was no
+    other's counts as this person's until it is asked for.
     oval, size: see `may_be_others`.
     """
-    off = likely & (known.outline < _OUTLINE.own) & (oval > _OUTLINE.off)
+    off = likely & (oval > _OUTLINE.off)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(off.view(np.uint8), connectivity=4)
     areas = stats[:, cv2.CC_STAT_AREA]
 
@@ -143,8 +147,4 @@ def others_skin(likely: Bools, known: Known, oval: Floats, size: float) -> Bools
     others = mean_of(known.outline) < _OUTLINE.others + _OUTLINE.stays * before
     others &= (areas >= _OUTLINE.least * size**2) & (np.maximum(before, asked) > 0.5)
     others[0] = False
-    if not others.any():
-        return np.zeros(likely.shape, np.bool_)
-    reach = np.ones((2 * _JOINED + 1,) * 2, np.uint8)
-    near = cv2.dilate(others[labels].view(np.uint8), reach) > 0
-    return near & (known.outline < _OUTLINE.own) & (oval > _OUTLINE.off)
+    return np.asarray(others[labels], np.bool_)

@@ -43,14 +43,13 @@ class BodyNetworkNumbers:
 class OutlineNumbers:
     """What the network that outlines one person is shown, and what follows from it."""
 
-    sizes: float = 10.0  # face sizes a side [measured: of 8 to 17]
-    below: float = 3.0  # face sizes [measured: of 2 to 4] along the neck from the head's middle to the square's
+    sizes: float = 12.0  # face sizes a side [measured: of 7 to 14; own arms reach out of narrower squares]
+    below: float = 3.0  # face sizes [measured: of 1.5 to 4] along the neck from the head's middle to the square's
     face: float = 0.9  # of the face's oval [by eye], where the outline has to be
     sees: float = 0.5  # of the face at least [by eye]: else it outlines somebody else, or nobody
     away: float = 2.0  # of the face's oval [by eye], from which on skin is worth asking whose it is
     off: float = 1.2  # of the face's oval [by eye], off which skin may be another's
-    own: float = 0.5  # of the outline [by eye], up to which a cell may be another's
-    others: float = 0.25  # of the outline's mean, up to which a part is another's [measured: from 0.15 on the same]
+    others: float = 0.45  # of the outline's mean, up to which a part is another's [measured: 0.35 to 0.55 the same]
     least: float = 0.1  # of a face size squared, of a part [measured: at 0.05 parts of own arms go]
     every: int = 12  # scenes of a clip [by eye] from one answer to the next
     answers: int = 6  # that the mean is of at most [measured: of 2 and 4 parts of others come and go]
