@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from pvg._arrays import Bytes, Doubles
@@ -36,20 +35,12 @@ class Region:
             ]
         )
 
-    def read(self, picture: Picture, pixels: int, beyond: int | None = None) -> Bytes:
+    def read(self, picture: Picture, pixels: int) -> Bytes:
         """What a picture shows there, (pixels, pixels, 3) uint8 RGB; a large one is averaged down first.
 
-        beyond: the level of what lies outside of the picture, of which the edge is repeated without it.
+        Beyond the picture its edge is repeated.
         """
         to_source = self.to_source(pixels)
-        out = self._read(picture, to_source, pixels)
-        if beyond is not None:
-            held = np.ones(picture.size, np.uint8)
-            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-            out[cv2.warpAffine(held, to_source, (pixels, pixels), flags=flags) == 0] = beyond
-        return out
-
-    def _read(self, picture: Picture, to_source: Doubles, pixels: int) -> Bytes:
         if self.size < 2 * pixels:
             return picture.warp(to_source, (pixels, pixels))
         corners = to_source @ np.array([[0, pixels, 0, pixels], [0, 0, pixels, pixels], [1, 1, 1, 1]], np.float64)

@@ -10,12 +10,11 @@ a part that is surely skin, and is made steady in time as the face's matte is.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import cv2
 import numpy as np
 
-from pvg._arrays import Bytes, Floats, smoothstep
+from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.face import Landmarks
 from pvg.raster import Raster
 from pvg.skin import body_network
@@ -129,13 +128,17 @@ class BodyTracker:
             probability = np.asarray(probability * share, np.float32)
         before = self._skin_before(scene)
         keep = None if before is None else before[1]
-        probability[self._others.step(scene, probability > 0.5, head, oval, keep)] = 0
+        others = self._others.step(scene, probability > 0.5, head, oval, keep)
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
         leave_out_hair(probability, seen, hair, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
 
-        parts = partial(body_parts, seen=seen)
+        def parts(probability: Floats, likely: Bools) -> Bools:
+            # another's limb may join this person's own to the face
+            return body_parts(np.where(others, with_others, probability), likely | others, seen) & ~others
+
+        with_others, probability = probability, np.where(others, np.float32(0), probability)
         mask, skin = held(probability, before, parts, _EDGE_BLUR)
         self._before = scene.rgb, skin
         # the picture decides within the edge as it is drawn; where it does not say, the cells' steps would be seen
@@ -215,7 +218,7 @@ def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None
     distance = _distance(scene.raster.shape, head)
     heads = [head_shape(f.in_cells(scene.raster)) for f in others]
     nearest = np.min([_distance(scene.raster.shape, other) for other in heads], axis=0)
-    # both take what is as near to either: `place_body` divides it, and nothing is left to nobody
+    # both take what is as near to either: `place_body` divides it, and nothing is left to nobody by this
     return np.asarray(np.minimum(2 / (1 + (distance / np.maximum(nearest, 1e-3)) ** _BODY.owner), 1), np.float32)
 
 

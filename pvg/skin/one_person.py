@@ -23,7 +23,8 @@ from pvg.skin.scene import Scene
 
 _OUTLINE, _BODY, _NETWORK = SKIN_PRIOR.outline, SKIN_PRIOR.body, "pose_landmarks_detector"
 _SIDE = 256  # pixels a side of what the network sees
-_BEYOND = 0  # their level where there is no picture
+UNSEEN = -1.0
+"""What is said of cells beyond the network's square."""
 _SURE = 20.0  # nats: its log-odds reach a thousand
 _RIM = 2  # cells around another's skin, less likely than that, which go with it
 
@@ -36,33 +37,34 @@ def may_be_others(likely: Bools, oval: Floats, size: float) -> bool:
     return bool(np.count_nonzero(likely & (oval > _OUTLINE.away)) >= _OUTLINE.least * size**2)
 
 
-def outline_of(rgb: Bytes, head: HeadShape) -> Floats:
+def outline_of(rgb: Bytes, head: HeadShape) -> Floats | None:
     """How far each cell (h, w) of a scene (h, w, 3) uint8 RGB is of the person with this head: float32 in [0, 1].
 
-    1 beyond what the network sees, and everywhere when it does not see this face, for then it tells nothing of it.
+    UNSEEN beyond what the network sees; None when it does not see this face, for then it tells nothing of it.
     Raises ModelError when the weights are not installed.
     """
     x, y = head.middle + _OUTLINE.below * head.size * head.neck
     across, down = (float(v) for v in head.neck)
     region = Region(float(x), float(y), _OUTLINE.sizes * head.size, float(np.arctan2(-across, down)))
-    seen = region.read(RgbPicture(rgb), _SIDE, _BEYOND)
+    seen = region.read(RgbPicture(rgb), _SIDE)
     session = models.load(_NETWORK)
     (found,) = session.run(None, {session.get_inputs()[0].name: seen[None] * np.float32(1 / 255)})
     own = logistic(np.clip(found[0, ..., 0], -_SURE, _SURE))
     h, w = rgb.shape[:2]
-    out = cv2.warpAffine(own, region.to_source(_SIDE), (w, h), borderMode=cv2.BORDER_CONSTANT, borderValue=(1.0,))
+    border = cv2.BORDER_CONSTANT
+    out = cv2.warpAffine(own, region.to_source(_SIDE), (w, h), borderMode=border, borderValue=(UNSEEN,))
     face = head.of_oval((h, w)) < _OUTLINE.face
     if not face.any() or float(out[face].mean()) < _OUTLINE.sees:
-        out = np.ones((h, w))
-    return np.asarray(out, np.float32)
+        return None
+    return np.asarray(np.where(out < 0, np.float32(UNSEEN), out), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
     """What one scene leaves to the next, (h, w) float32.
 
-    outline: in [0, 1], see `outline_of`, the mean of some answers;  answers: how many, 0 where nothing is known;
-    others: 0 or 1, what was skin of somebody else.
+    outline: in [0, 1], see `outline_of`, the mean of some answers, 1 without one;  answers: how many, 0 where nothing
+    is known;  others: 0 or 1, what was skin of somebody else.
     """
 
     outline: Floats
@@ -87,8 +89,8 @@ class OthersTracker:
         self._age += 1
         if may_be_others(self._asked_for(known, likely), oval, head.size):
             self._age = 0
-            known = _with(known, outline_of(scene.rgb, head))
-        if known is None:
+            known = _with(known, outline_of(scene.rgb, head), likely.shape)
+        if known is None or not (likely & (oval > _OUTLINE.away)).any():
             self._known = None
             return np.zeros(likely.shape, np.bool_)
         others = others_skin(likely, known, oval, head.size)
@@ -101,42 +103,45 @@ class OthersTracker:
     def _asked_for(self, known: Known | None, likely: Bools) -> Bools:
         """(h, w) bool, the likely skin of which it is asked now whose it is.
 
-        All of it when it is time, and what is new a little sooner where others are about.
+        All of it when it is time, and a little sooner, where others are about, what is new or was asked of once only.
         """
         if known is None or self._age >= _OUTLINE.every:
             return likely
         if self._age < _BODY.person_every or not known.others.any():
             return np.zeros(likely.shape, np.bool_)
-        return likely & (known.answers < 1)
+        return likely & (known.answers <= 1)
 
     def _moved(self, scene: Scene, keep: Floats | None) -> Known | None:
-        """What is known where its cells are now: nothing of what is new there, but another's limb moves as one."""
+        """What is known where its cells are now: nothing of what is new there, and little of it in another's limb."""
         if self._known is None or keep is None or scene.before is None or scene.changed:
             return None
         known = self._known
         outline, answers, others = moved_layers([known.outline, known.answers, known.others], scene.before)
-        answers[(keep < _OUTLINE.unlike) & (others < 0.5)] = 0
+        answers = np.where(keep < _OUTLINE.unlike, np.minimum(answers, np.rint(others)), answers)
         return Known(outline, answers, others)
 
 
-def _with(known: Known | None, said: Floats) -> Known:
-    """What is known with one more answer, each of the first as much as any other."""
+def _with(known: Known | None, said: Floats | None, shape: tuple[int, ...]) -> Known:
+    """What is known (h, w in shape) with one more answer, each of the first as much as any other."""
     if known is None:
-        return Known(said, np.ones_like(said), np.zeros_like(said))
-    answers = np.minimum(known.answers + 1, np.float32(_OUTLINE.answers))
-    outline = np.asarray(known.outline + (said - known.outline) / answers, np.float32)
-    return Known(outline, answers, known.others)
+        known = Known(np.ones(shape, np.float32), *np.zeros((2, *shape), np.float32))
+    if said is None:
+        return known
+    answers = np.where(said < 0, known.answers, np.minimum(known.answers + 1, np.float32(_OUTLINE.answers)))
+    step = np.where(said < 0, 0, (said - known.outline) / np.maximum(answers, 1))
+    return Known(np.asarray(known.outline + step, np.float32), np.asarray(answers, np.float32), known.others)
 
 
 def others_skin(likely: Bools, known: Known, oval: Floats, size: float) -> Bools:
     """(h, w) bool, what is likely skin (h, w), off the face, and of somebody else: whole parts of it, or none.
 
     The outline ends some cells from where a limb does and is unsure here and there; a limb of two colours is worse than
-    one of the wrong colour. So a connected part counts as another's, or not, by its mean. What is new and was no
-    other's counts as this person's until it is asked for.
+    one of the wrong colour. So a connected part counts as another's, or not, by its mean; what goes on beside the face
+    is this person's. So is what is new and was no other's, until it is asked for.
     oval, size: see `may_be_others`.
     """
     off = likely & (oval > _OUTLINE.off)
+    beside = cv2.dilate((likely & ~off).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     count, labels, stats, _ = cv2.connectedComponentsWithStats(off.view(np.uint8), connectivity=4)
     areas = stats[:, cv2.CC_STAT_AREA]
 
@@ -147,4 +152,5 @@ def others_skin(likely: Bools, known: Known, oval: Floats, size: float) -> Bools
     others = mean_of(known.outline) < _OUTLINE.others + _OUTLINE.stays * before
     others &= (areas >= _OUTLINE.least * size**2) & (np.maximum(before, asked) > 0.5)
     others[0] = False
+    others[labels[beside & off]] = False
     return np.asarray(others[labels], np.bool_)

@@ -43,15 +43,15 @@ class BodyNetworkNumbers:
 class OutlineNumbers:
     """What the network that outlines one person is shown, and what follows from it."""
 
-    sizes: float = 12.0  # face sizes a side [measured: of 7 to 14; own arms reach out of narrower squares]
+    sizes: float = 12.0  # face sizes a side [measured: of 7 to 14; out of narrower squares own arms reach]
     below: float = 3.0  # face sizes [measured: of 1.5 to 4] along the neck from the head's middle to the square's
     face: float = 0.9  # of the face's oval [by eye], where the outline has to be
     sees: float = 0.5  # of the face at least [by eye]: else it outlines somebody else, or nobody
     away: float = 2.0  # of the face's oval [by eye], from which on skin is worth asking whose it is
     off: float = 1.2  # of the face's oval [by eye], off which skin may be another's
-    others: float = 0.45  # of the outline's mean, up to which a part is another's [measured: 0.35 to 0.55 the same]
+    others: float = 0.3  # of the outline's mean, up to which a part is another's [measured: 0.3 to 0.45 the same]
     least: float = 0.1  # of a face size squared, of a part [measured: at 0.05 parts of own arms go]
     every: int = 12  # scenes of a clip [by eye] from one answer to the next
     answers: int = 6  # that the mean is of at most [measured: of 2 and 4 parts of others come and go]
     unlike: float = 0.3  # weight of the scene before in a cell [by eye], below which another thing is there
-    stays: float = 0.15  # more of the mean for what was another's before [measured: at 0 parts come and go]
+    stays: float = 0.1  # more of the mean for what was another's before [measured: at 0 parts come and go]

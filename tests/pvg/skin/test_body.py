@@ -30,6 +30,7 @@ from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_small_ho
 from pvg.skin.color_model import ColorScale, SkinColors
 from pvg.skin.face_in_scene import FaceInScene, own_people
 from pvg.skin.network import NetworkOutput
+from pvg.skin.one_person import OthersTracker
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
@@ -41,6 +42,12 @@ SIZE = (480, 640)
 RED, OAK, PINE, HAIR = (170, 30, 35), (150, 102, 62), (196, 146, 104), (165, 112, 76)
 SHADED_EAR, LIT_HAIR, DARK_HAIR = (132, 88, 51), (104, 66, 38), (72, 45, 24)
 BLOOD, RIM, SHADED_HAIR = (150, 66, 64), (80, 17, 15), (86, 26, 16)
+
+
+@pytest.fixture(autouse=True)
+def _no_outline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of drawn people the network that outlines one has nothing to say; test_one_person.py shows it real ones."""
+    monkeypatch.setattr(one_person, "outline_of", lambda *_: None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +118,25 @@ def test_the_network_speaks_against_what_hangs_beside_the_face_and_not_before_it
     assert not _network_against(likely, scene.raster, oval).any()
 
 
-def test_hair_nearly_of_the_skins_colour_is_left_out_when_the_network_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(one_person, "may_be_others", lambda *_: False)  # of a drawn person it outlines something else
+def test_an_own_arm_stays_where_another_persons_joins_it_to_the_face(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = _drawn()
+    arm = np.zeros(SIZE, np.bool_)
+    arm[290:330, 300:560] = True
+    drawn.rgb[arm & ~drawn.hand] = np.median(drawn.rgb[drawn.hand], axis=0)
+    scene = drawn.scene()
+    scene.person[:] = 255
+    _, columns = (np.rint(v).astype(int) for v in scene.raster.centers()[::-1])
+    theirs = np.broadcast_to((columns > 400) & (columns < 440), scene.raster.shape)
+    monkeypatch.setattr(OthersTracker, "step", lambda *_: theirs)
+    # no part by itself is skin for sure
+    monkeypatch.setattr("pvg.skin.body_parts._BODY", replace(SKIN_PRIOR.body, sure=1.1, sure_alone=1.1))
+    body, skin = _tracker(drawn)
+    alpha = _alpha(drawn, body.step(scene, drawn.landmarks, skin.step(drawn.rgb, drawn.landmarks), skin.light))
+    assert alpha[300:320, 460:540].mean() > 0.9
+    assert alpha[300:320, 410:430].mean() < 0.1
+
+
+def test_hair_nearly_of_the_skins_colour_is_left_out_when_the_network_says_so() -> None:
     drawn = _drawn()
     lock = np.zeros(SIZE, np.uint8)
     cv2.rectangle(lock, (385, 200), (400, 300), 1, -1)
