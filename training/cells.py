@@ -86,8 +86,8 @@ def fit_cells(examples: list[Example], steps: int, seed: int) -> tuple[Component
     for layer, values in zip(components.of_layers, features, strict=True):
         _set_components(layer, values)
     with torch.no_grad():
-        found = components(*(torch.from_numpy(values[..., None, None]) for values in features))
-        shown = net.shown(torch.cat([torch.from_numpy(fields[..., None, None]), *found], 1))
+        few = components(*(torch.from_numpy(values[..., None, None]) for values in features))
+        shown = net.shown(torch.cat([torch.from_numpy(fields[..., None, None]), *few], 1))
     y, w = torch.from_numpy(skin), torch.from_numpy(np.minimum(weight / weight.mean(), _HEAVIEST))
     optimizer = torch.optim.AdamW(net.layers.parameters(), _RATE, weight_decay=_DECAY)
     for step in range(1, steps + 1):
