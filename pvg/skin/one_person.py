@@ -15,6 +15,7 @@ import numpy as np
 from pvg import models
 from pvg._arrays import Bools, Bytes, Doubles, Floats
 from pvg.picture import RgbPicture
+from pvg.raster import square
 from pvg.region import Region
 from pvg.skin.in_time import moved_layers
 from pvg.skin.parameters import SKIN_PRIOR
@@ -97,7 +98,7 @@ class OthersTracker:
         self._known = replace(known, others=others.astype(np.float32))
         if not others.any():
             return others
-        around = cv2.dilate(others.view(np.uint8), np.ones((2 * _RIM + 1,) * 2, np.uint8)) > 0
+        around = cv2.dilate(others.view(np.uint8), square(_RIM)) > 0
         return others | around & ~likely
 
     def _asked_for(self, known: Known | None, likely: Bools) -> Bools:
@@ -141,7 +142,7 @@ def others_skin(likely: Bools, known: Known, oval: Floats, size: float) -> Bools
     oval, size: see `may_be_others`.
     """
     off = likely & (oval > _OUTLINE.off)
-    beside = cv2.dilate((likely & ~off).view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    beside = cv2.dilate((likely & ~off).view(np.uint8), square(1)) > 0
     count, labels, stats, _ = cv2.connectedComponentsWithStats(off.view(np.uint8), connectivity=4)
     areas = stats[:, cv2.CC_STAT_AREA]
 
