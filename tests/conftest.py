@@ -26,13 +26,15 @@ settings.load_profile("no clock")
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 #: name -> folders, in the order in which they begin: those that take longest first. What is in no other is "whole".
-#: Those beside start no processes of the service, and no seconds count in them.
+#: Clips and those beside start no processes of the service, and no seconds count in them.
 _GROUPS = {
     "worker": ("worker/",),
     "api": ("service/api/",),
+    "clips": ("pvg/landmarks/", "pvg/rendering/", "pvg/vectorization/", "pvg/video/"),
     "beside": ("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "service/catalog/", "service/test_backup.py"),
     "whole": (),
     "browser": ("browser/",),
+    "operator": ("service/test_cli.py", "service/test_erasure.py"),
     "service": ("service/",),
 }
 
