@@ -10,6 +10,9 @@ Skin that is richer, redder or yellower than skin is, flushed, burnt out or unde
 another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
 and no yellower, though never beyond the clip's own.
 
+A clip whose own skin is yellower or greener than skin is has a cast, of its light or its grade, and skin without it
+looks red or mauve there: half of the cast stays.
+
 In warm surroundings skin of daylight looks grey, and the clip's own is rich. Three quarters of the chroma that it has
 more are taken there, a fifth at most, in the hue that is given.
 
@@ -46,6 +49,9 @@ _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
 _AS_RICH = 6.0  # C*, over which a clip that is as rich says how red skin may be by its hue too [by eye]
 _HUELESS = (2.0, 4.0)  # C* of a clip's skin: below, its hue is chance [by eye]
+# how much stays of what a clip's skin is beyond that [by blind choice: rather than none or all of it]; hues, from which
+# to which none to all of it counts: light that is green itself is coloured light [by eye]
+_CAST, _GREEN = 0.5, (np.radians(140.0), np.radians(100.0))
 _COLOURED = np.radians(25.0)  # beyond red and yellow, over which a hue becomes that of coloured light [by eye]
 
 
@@ -70,11 +76,21 @@ def complexion(reference: Floats, own: Floats, scene: float, warmth: int = 0) ->
     gain = 1.0 + scene * (min(max(borne, least) / max(has, 1e-6), _GAIN) - 1.0)
     more = max(_chroma_and_hue(bound)[0] / max(gain * _chroma_and_hue(lab)[0], 1e-6) - 1.0, 0.0)
     gain *= 1.0 + scene * ramp(float(warmth), *_WARM) * min(_WARMER * more, _WARMEST)
-    if gain == 1.0:
-        return skin
-    opponent = to_opponent(skin)
-    opponent[:, 1:] *= gain
-    return np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
+    if gain != 1.0:
+        opponent = to_opponent(skin)
+        opponent[:, 1:] *= gain
+        skin = np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
+    lab = median_lab(skin)
+    turn = scene * _cast(lab, bound)
+    return _moved(skin, lab, _turned(lab, turn)) if turn > 0.0 else skin
+
+
+def _cast(lab: Doubles, own: Doubles) -> float:
+    """Radians, by which the complexion `lab` is turned to keep its part of the cast that a clip's skin `own` has."""
+    chroma, hue = _chroma_and_hue(own)
+    _, hue_given = _chroma_and_hue(lab)
+    seen = ramp(chroma, *_HUELESS) * ramp(hue, *_GREEN) * _of_skin(hue_given)
+    return float(_CAST * seen * max(hue - max(_YELLOWEST, hue_given), 0.0))
 
 
 def _usual(lab: Doubles) -> float:
@@ -105,7 +121,7 @@ def _held(lab: Doubles, own: Doubles) -> Doubles | None:
     """
     chroma, hue = _chroma_and_hue(lab)
     own_chroma, own_hue = _chroma_and_hue(own)
-    share = min(ramp(hue, -_COLOURED, 0.0), ramp(hue, np.pi / 2 + _COLOURED, np.pi / 2))
+    share = _of_skin(hue)
     if share == 0.0:
         return None
     held = min(chroma, max(_RICHEST, own_chroma))
@@ -116,6 +132,17 @@ def _held(lab: Doubles, own: Doubles) -> Doubles | None:
     if held == chroma and abs(turned - hue) < 1e-6:
         return None
     return lab + share * (np.array([lab[0], held * np.cos(turned), held * np.sin(turned)]) - lab)
+
+
+def _of_skin(hue: float) -> float:
+    """1 of a hue that is red, yellow or between, 0 of one that is only of coloured light."""
+    return min(ramp(hue, -_COLOURED, 0.0), ramp(hue, np.pi / 2 + _COLOURED, np.pi / 2))
+
+
+def _turned(lab: Doubles, angle: float) -> Doubles:
+    """A colour whose hue is turned by `angle`, radians, from red to yellow."""
+    chroma, hue = _chroma_and_hue(lab)
+    return np.array([lab[0], chroma * np.cos(hue + angle), chroma * np.sin(hue + angle)])
 
 
 def _chroma_and_hue(lab: Doubles) -> tuple[float, float]:

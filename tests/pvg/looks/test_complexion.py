@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pvg.looks.complexion import _held, complexion
+from pvg.looks.complexion import _cast, _held, complexion
 from pvg.looks.scene import in_scene
 
 TAN = (60.0, 15.0, 20.0)  # CIELAB: C*/L* 0.42
@@ -203,3 +203,40 @@ def test_without_skin_there_is_nothing_to_change() -> None:
     nothing, reference = np.zeros((0, 3), np.float32), skin(ASHEN)
     assert complexion(nothing, reference, 0.0).shape == (0, 3)
     assert complexion(reference, nothing, 0.0) is reference
+
+
+def lab_of(angle: float, chroma: float = 30.0) -> np.ndarray:
+    return np.array((60.0, chroma * np.cos(np.radians(angle)), chroma * np.sin(np.radians(angle))))
+
+
+@pytest.mark.parametrize(
+    ("given", "own", "turned"),
+    [
+        (50, 62, 0),
+        (50, 40, 0),
+        (50, 78, 8),
+        (70, 78, 4),
+        (80, 78, 0),
+        (50, 100, 19),
+        (50, 140, 0),
+        (-70, 78, 0),
+        (130, 78, 0),
+    ],
+)
+def test_half_of_what_a_clips_skin_is_yellower_than_skin_stays(given: float, own: float, turned: float) -> None:
+    assert np.degrees(_cast(lab_of(given), lab_of(own))) == pytest.approx(turned, abs=1e-6)
+    assert _cast(lab_of(given), lab_of(own, 2.0)) == 0.0  # a grey's hue is chance
+
+
+def test_a_cast_turns_the_hue_alone_as_far_as_the_scene_counts() -> None:
+    reference = skin((60.0, 19.0, 23.0))
+    turned, half, none = (
+        median_lab(complexion(reference, skin(tuple(lab_of(78))), scene)) for scene in (1.0, 0.5, 0.0)
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pvg.looks.complexion._CAST", 0.0)
+        without = median_lab(complexion(reference, skin(tuple(lab_of(78))), 1.0))
+    assert hue(turned) - hue(without) == pytest.approx(8.0, abs=0.3)
+    assert hue(none) < hue(half) < hue(turned)
+    assert np.hypot(*turned[1:]) == pytest.approx(np.hypot(*without[1:]), abs=0.5)
+    assert turned[0] == pytest.approx(without[0], abs=1.0)
