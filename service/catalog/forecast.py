@@ -1,26 +1,30 @@
 """What is likely of jobs that have not ended: their place in the queue, and when they will be done.
 
-Measured, not modelled: how long recent jobs of the same kind took for each unit of their work, what a running job has
+Measured, not modelled: how long recent jobs that did the same took for each unit of their work, what a running job has
 done already, and what stands before a queued one, for as many workers as are alive. A unit of rendering is a pixel of
 a frame of a look; of vectorising it is a byte of the file, since its frames are known only afterwards. Where nothing
 like a job has been measured nothing is said of it.
+
+What a job does is called its deed here: it vectorises a video, or a reference, which takes a fraction of that, or
+renders.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from operator import itemgetter
 from typing import Final
 
 from sqlalchemy import ColumnElement, and_, bindparam, func, or_, select
 from sqlalchemy.orm import Session
 
-from service.catalog.models import HELD, Job, JobKind, JobState, Look, Media, Worker
+from service.catalog.models import HELD, Job, JobKind, JobState, Look, Media, Role, Worker
 
-#: recent jobs of a kind that are measured, and how few of them say something
+#: recent jobs of a deed that are measured, and how few of them say something
 _MEASURED: Final = 40
 _FEWEST: Final = 3
 #: the tenth, the half and the ninth of ten of what is seen
@@ -51,10 +55,18 @@ class Forecast:
 
 @dataclass(frozen=True)
 class History:
-    """What recent jobs took: seconds for a unit of work by what they did, and seconds of whole jobs by queue."""
+    """What recent jobs took, by deed: seconds for a unit of work, sorted, and seconds of whole jobs."""
 
     paces: Mapping[str, Sequence[float]] = field(default_factory=dict)
     durations: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """The jobs of an owner that wait in a queue: how many, by deed, and since when the first of them."""
+
+    counts: Mapping[str, float]
+    since: datetime
 
 
 @dataclass(frozen=True)
@@ -64,28 +76,26 @@ class Load:
     slots: int
     running: int
     remaining_s: float
-    #: by queue, then by owner: how many wait, and since when the first of them
-    queued: Mapping[str, Mapping[str, tuple[int, datetime]]]
+    #: by queue, then by owner
+    queued: Mapping[str, Mapping[str, Waiting]]
 
 
 def history(session: Session) -> History:
-    """What the newest succeeded jobs of each kind took, by three queries a kind."""
-    paces: defaultdict[str, list[float]] = defaultdict(list)
-    durations: defaultdict[str, list[float]] = defaultdict(list)
-    for kind in JobKind:
-        done = (Job.kind == kind, Job.state == JobState.SUCCEEDED, Job.parent_id.is_(None))
-        timed = (Job.started_at.is_not(None), Job.finished_at.is_not(None))
-        recent = select(Job).where(*done, *timed).order_by(Job.finished_at.desc())
-        found = list(session.scalars(recent.limit(_MEASURED)))
-        works = _works(session, found)
-        for job in found:
-            if job.started_at is None or job.finished_at is None:
-                continue
+    """What the newest succeeded jobs of each deed took. Its queries are as many whatever there is."""
+    newest = _DONE.order_by(Job.finished_at.desc()).limit(_MEASURED)
+    found = [job for alike in _ALIKE for job in session.scalars(newest.where(*alike))]
+    works = _works(session, found)
+    ends: defaultdict[str, list[tuple[datetime, float, float | None]]] = defaultdict(list)
+    for job in found:
+        if job.started_at is not None and job.finished_at is not None:
             seconds = max(0.001, (job.finished_at - job.started_at).total_seconds())
-            durations[job.queue].append(seconds)
-            if work := works.get(job.id):
-                paces[_deed(job)].append(seconds / work)
-    return History({deed: sorted(of_one) for deed, of_one in paces.items()}, durations)
+            ends[_deed(job)].append((job.finished_at, seconds, works.get(job.id)))
+    paces, durations = {}, {}
+    for deed, of_one in ends.items():
+        measured = sorted(of_one, key=itemgetter(0), reverse=True)[:_MEASURED]  # one deed is of two kinds
+        durations[deed] = [seconds for _, seconds, _ in measured]
+        paces[deed] = sorted(seconds / work for _, seconds, work in measured if work)
+    return History(paces, durations)
 
 
 def forecasts(
@@ -109,16 +119,22 @@ def forecasts(
         if job.state == JobState.RUNNING:
             answers[job.id] = Forecast(eta=_remaining(job, own))
             continue
-        before = places.get(job.id)
-        if before is None or load is None:  # it was taken in between
+        mine = places.get(job.id)
+        if mine is None or load is None:  # it was taken in between
             continue
-        position = 1 + before + _of_others(load, job, before)
-        answers[job.id] = Forecast(position, until_done(load, measured, job.queue, position - 1, own))
+        before = _before(load, job, mine)
+        position = 1 + round(sum(before.values()))
+        answers[job.id] = Forecast(position, until_done(load, measured, job.queue, before, own))
     return answers
 
 
-def until_done(load: Load, measured: History, queue: str, before: int, own: Estimate | None) -> Estimate | None:
-    """When a queued job will be done that has so many before it and takes ``own`` by itself; None when nobody knows."""
+def until_done(
+    load: Load, measured: History, queue: str, before: Mapping[str, float], own: Estimate | None
+) -> Estimate | None:
+    """When a queued job will be done that takes ``own`` by itself; None when nobody knows.
+
+    ``before``: how many of its queue come first, by deed.
+    """
     wait = _wait(load, measured, queue, before)
     return None if own is None or wait is None else _after(wait, own)
 
@@ -128,17 +144,19 @@ def _waits_for_a_worker(job: Job) -> bool:
 
 
 def _deed(job: Job) -> str:
-    """What jobs of the same pace do: references are read otherwise than videos."""
-    return f"vectorize {job.request.get('role')}" if job.kind == JobKind.VECTORIZE else "render"
+    return _deed_of(job.kind, job.request.get("role"))
+
+
+def _deed_of(kind: str, role: str | None) -> str:
+    return f"vectorize {role}" if kind == JobKind.VECTORIZE else "render"
 
 
 def _works(session: Session, found: Sequence[Job]) -> dict[str, float]:
     """The units of work of jobs, by id, as far as they are known."""
-    sizes = {job.media_id: job.id for job in found if job.kind == JobKind.VECTORIZE and job.media_id}
-    works: defaultdict[str, float] = defaultdict(float)
-    files = select(Media.id, Media.size_bytes).where(Media.id.in_(sizes))
-    for media_id, size_bytes in session.execute(files) if sizes else ():
-        works[sizes[media_id]] = float(size_bytes)
+    read = {job.id: job.media_id for job in found if job.kind == JobKind.VECTORIZE and job.media_id}
+    files = select(Media.id, Media.size_bytes).where(Media.id.in_(set(read.values())))
+    sizes = {row.id: float(row.size_bytes) for row in session.execute(files)} if read else {}
+    works = defaultdict(float, {job_id: sizes[media_id] for job_id, media_id in read.items() if media_id in sizes})
     drawn = [job.id for job in found if job.kind != JobKind.VECTORIZE]
     for job_id, info in session.execute(_DRAWN, {"ids": drawn}) if drawn else ():
         size = info or {}
@@ -151,13 +169,15 @@ def _load(session: Session, measured: History, *, alive_since: datetime) -> Load
     remaining = 0.0
     held = session.scalars(_AT_WORK).all()
     for job in held:
-        whole = _mean(measured.durations.get(job.queue, ()))
+        whole = _mean(measured.durations.get(_deed(job), ()))
         own = None if whole is None else Estimate(whole, whole, whole)
         left = _remaining(job, own)
         remaining += left.seconds if left is not None else 0.0
-    queued: defaultdict[str, dict[str, tuple[int, datetime]]] = defaultdict(dict)
-    for queue, owner, count, since in session.execute(_WAITING):
-        queued[queue][owner] = (count, since)
+    queued: defaultdict[str, dict[str, Waiting]] = defaultdict(dict)
+    for queue, owner, kind, role, count, since in session.execute(_WAITING):
+        others = queued[queue].get(owner, Waiting({}, since))
+        counts = _sum((others.counts, {_deed_of(kind, role): count}))
+        queued[queue][owner] = Waiting(counts, min(since, others.since))
     return Load(slots, len(held), remaining, queued)
 
 
@@ -166,6 +186,18 @@ def _available() -> tuple[ColumnElement[bool], ...]:
     return Job.state == JobState.QUEUED, Job.waiting.is_(False), Job.parent_id.is_(None)
 
 
+#: of the medium that a job vectorises
+_ROLE: Final = Job.request["role"].as_string()
+#: jobs whose newest are looked for together; an index has them by kind
+_ALIKE: Final = (
+    *((Job.kind == JobKind.VECTORIZE, role == _ROLE) for role in Role),
+    *((Job.kind == kind,) for kind in JobKind if kind is not JobKind.VECTORIZE),
+)
+_DONE: Final = select(Job).where(
+    *(Job.state == JobState.SUCCEEDED, Job.parent_id.is_(None)),
+    *(Job.started_at.is_not(None), Job.finished_at.is_not(None)),
+)
+
 # of every answer that shows a queued job, inside the transaction that makes it: to build them takes as long as to run
 # them, so that they are built once
 _ALIVE: Final = select(func.count()).where(
@@ -173,14 +205,18 @@ _ALIVE: Final = select(func.count()).where(
 )
 _AT_WORK: Final = select(Job).where(Job.state.in_(HELD), Job.parent_id.is_(None))
 _WAITING: Final = (
-    select(Job.queue, Job.owner, func.count(), func.min(Job.queued_at))
+    select(Job.queue, Job.owner, Job.kind, _ROLE, func.count(), func.min(Job.queued_at))
     .where(*_available())
-    .group_by(Job.queue, Job.owner)
+    .group_by(Job.queue, Job.owner, Job.kind, _ROLE)
 )
 _SINCE: Final = bindparam("since", type_=Job.queued_at.type)
-_BEFORE: Final = select(func.count()).where(
-    *(Job.queue == bindparam("queue"), Job.owner == bindparam("owner"), *_available()),
-    or_(Job.queued_at < _SINCE, and_(Job.queued_at == _SINCE, Job.id < bindparam("id"))),
+_BEFORE: Final = (
+    select(Job.kind, _ROLE, func.count())
+    .where(
+        *(Job.queue == bindparam("queue"), Job.owner == bindparam("owner"), *_available()),
+        or_(Job.queued_at < _SINCE, and_(Job.queued_at == _SINCE, Job.id < bindparam("id"))),
+    )
+    .group_by(Job.kind, _ROLE)
 )
 _DRAWN: Final = (
     select(Look.job_id, Media.info)
@@ -189,24 +225,45 @@ _DRAWN: Final = (
 )
 
 
-def _places(session: Session, queued: Sequence[Job]) -> dict[str, int]:
-    """How many of the same owner's jobs stand before each of these in their queues."""
+def _places(session: Session, queued: Sequence[Job]) -> dict[str, Mapping[str, float]]:
+    """How many of the same owner's jobs stand before each of these in their queues, by deed."""
     if len(queued) == 1:
         (job,) = queued
         of_it = {"queue": job.queue, "owner": job.owner, "since": job.queued_at, "id": job.id}
-        return {job.id: session.scalar(_BEFORE, of_it) or 0}
-    places: dict[str, int] = {}
+        counts = ({_deed_of(kind, role): count} for kind, role, count in session.execute(_BEFORE, of_it))
+        return {job.id: _sum(counts)}
+    wanted = {job.id for job in queued}
+    places: dict[str, Mapping[str, float]] = {}
     for queue, owner in {(job.queue, job.owner) for job in queued}:
-        ids = select(Job.id).where(Job.queue == queue, Job.owner == owner, *_available())
-        places |= {job_id: k for k, job_id in enumerate(session.scalars(ids.order_by(Job.queued_at, Job.id)))}
+        all_of_it = select(Job.id, Job.kind, _ROLE).where(Job.queue == queue, Job.owner == owner, *_available())
+        before: defaultdict[str, float] = defaultdict(float)
+        for job_id, kind, role in session.execute(all_of_it.order_by(Job.queued_at, Job.id)):
+            if job_id in wanted:
+                places[job_id] = before.copy()
+            before[_deed_of(kind, role)] += 1
     return places
 
 
-def _of_others(load: Load, job: Job, before: int) -> int:
-    """How many jobs of other owners are likely to come first: they take turns, see `service.catalog.fairness`."""
+def _before(load: Load, job: Job, mine: Mapping[str, float]) -> dict[str, float]:
+    """How many jobs of its queue are likely to come before one that has ``mine`` of its owner's before it, by deed.
+
+    Other owners take turns with its own, see `service.catalog.fairness`.
+    """
     queue = load.queued.get(job.queue, {})
-    _, mine = queue.get(job.owner, (0, job.queued_at))
-    return sum(min(count, before + (since < mine)) for owner, (count, since) in queue.items() if owner != job.owner)
+    since = queue[job.owner].since if job.owner in queue else job.queued_at
+    turns = sum(mine.values())
+    others = (
+        _first(waiting.counts, turns + (waiting.since < since))
+        for owner, waiting in queue.items()
+        if owner != job.owner
+    )
+    return _sum((mine, *others))
+
+
+def _first(counts: Mapping[str, float], most: float) -> dict[str, float]:
+    """The first ``most`` jobs of these, by deed: their order is not known, so in proportion."""
+    total = sum(counts.values())
+    return {deed: count * min(total, most) / total for deed, count in counts.items()}
 
 
 def usual(deed: str, work: float | None, measured: History) -> Estimate | None:
@@ -242,18 +299,23 @@ def _remaining(job: Job, own: Estimate | None) -> Estimate | None:
     )
 
 
-def _wait(load: Load, measured: History, queue: str, before: int) -> Estimate | None:
-    """How long a worker is waited for, with so many jobs of the same queue before; None without workers."""
+def _wait(load: Load, measured: History, queue: str, before: Mapping[str, float]) -> Estimate | None:
+    """How long a worker is waited for, with these jobs of the same queue before; None when nobody knows."""
     if load.slots == 0:
         return None
     # every worker takes from all queues in turn
-    counts = {other: sum(count for count, _ in owners.values()) for other, owners in load.queued.items()}
-    ahead = {other: before if other == queue else min(count, before) for other, count in counts.items()}
-    if sum(ahead.values()) + load.running < load.slots:
+    turns = round(sum(before.values()))
+    others = (
+        _first(_sum(waiting.counts for waiting in owners.values()), turns)
+        for other, owners in load.queued.items()
+        if other != queue
+    )
+    ahead = _sum((before, *others))
+    if round(sum(ahead.values())) + load.running < load.slots:
         return Estimate(0.0, 0.0, 0.0)
     total, variance = load.remaining_s, 0.0
-    for other, count in ahead.items():
-        durations = measured.durations.get(other, ())
+    for deed, count in ahead.items():
+        durations = measured.durations.get(deed, ())
         mean = _mean(durations)
         if count and mean is None:
             return None
@@ -276,6 +338,15 @@ def _after(wait: Estimate, own: Estimate) -> Estimate:
 
 def _scaled(one: Estimate, factor: float) -> Estimate:
     return Estimate(one.seconds * factor, one.low * factor, one.high * factor)
+
+
+def _sum(counts: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Of numbers of jobs by deed."""
+    summed: defaultdict[str, float] = defaultdict(float)
+    for of_one in counts:
+        for deed, count in of_one.items():
+            summed[deed] += count
+    return dict(summed)
 
 
 def _mean(values: Sequence[float]) -> float | None:

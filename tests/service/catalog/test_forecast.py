@@ -10,7 +10,20 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from service.catalog import Database, Job, JobState, Media, forecast, jobs, leases, workers
+from service.catalog import (
+    Database,
+    Job,
+    JobKind,
+    JobState,
+    Media,
+    MediaState,
+    Role,
+    forecast,
+    jobs,
+    leases,
+    media,
+    workers,
+)
 from service.catalog.forecast import Forecast
 from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
 
@@ -116,8 +129,11 @@ def test_a_queued_job_ends_within_its_span_three_times_in_four(slots: int) -> No
         for frames in (rng.choice([50, 100, 200, 400]) for _ in range(before)):
             free[free.index(min(free))] += seconds_of(rng, frames)
         ends = min(free) + seconds_of(rng, 200)
-        load = forecast.Load(slots, 0, 0.0, {"render": {"": (before + 1, datetime.now(UTC))}})
-        likely = forecast.until_done(load, measured, "render", before, forecast.usual("render", 200, measured))
+        load = forecast.Load(
+            slots, 0, 0.0, {"render": {"": forecast.Waiting({"render": before + 1}, datetime.now(UTC))}}
+        )
+        own = forecast.usual("render", 200, measured)
+        likely = forecast.until_done(load, measured, "render", {"render": before}, own)
         assert likely is not None
         assert likely.low <= likely.seconds <= likely.high
         within += likely.low <= ends <= likely.high
@@ -144,6 +160,94 @@ def test_a_running_job_is_judged_by_its_own_pace_the_more_it_has_done(database: 
     assert left[0] == pytest.approx(10, rel=0.05)
     assert abs(left[3] - 10) < abs(left[0] - 40)
     assert 7 < left[3] < 10.5  # 10 s are left, and others would have left 2.5
+
+
+def vectorized(database: Database, clock: FakeClock, role: Role, seconds: float, owner: str = "") -> Media:
+    """A medium whose vectorisation took so long."""
+    medium = add_media(database, role, owner=owner)
+    work(database, clock, medium.job_id, seconds)
+    return medium
+
+
+def eta_of(database: Database, medium: Media) -> float | None:
+    eta = told(database, medium.job_id)[medium.job_id].eta
+    return None if eta is None else eta.seconds
+
+
+def test_a_video_is_judged_by_videos_however_many_references_came_since(database: Database, clock: FakeClock) -> None:
+    for _ in range(3):
+        vectorized(database, clock, Role.VIDEO, 60)
+    for _ in range(45):
+        vectorized(database, clock, Role.REFERENCE, 0.5)
+    live(database, 1)
+    assert eta_of(database, add_media(database)) == pytest.approx(60, rel=0.01)
+    with database.read() as session:
+        measured = forecast.history(session)
+    assert {deed: len(of_one) for deed, of_one in measured.durations.items()} == {
+        "vectorize video": 3,
+        "vectorize reference": 40,
+    }
+
+
+def test_the_newest_forty_looks_are_measured_of_transfers_and_swaps_together(
+    database: Database, clock: FakeClock
+) -> None:
+    medium = video(database)
+    for number, kind in enumerate([JobKind.SWAP] * 30 + [JobKind.TRANSFER] * 30):
+        job_id = queue(database, medium)
+        with database.write() as session:
+            session.execute(update(Job).where(Job.id == job_id).values(kind=kind))
+        work(database, clock, job_id, 1 + number)
+    with database.read() as session:
+        measured = forecast.history(session)
+    assert measured.durations["render"] == pytest.approx([60 - k for k in range(40)])
+    assert len(measured.paces["render"]) == 40
+
+
+@pytest.mark.parametrize("owner", ["", "another"])
+def test_who_waits_behind_clips_waits_for_clips(owner: str, database: Database, clock: FakeClock) -> None:
+    for _ in range(5):
+        vectorized(database, clock, Role.VIDEO, 60)
+        vectorized(database, clock, Role.REFERENCE, 0.5)
+    live(database, 1)
+    for _ in range(10):
+        add_media(database, owner=owner)
+    before = 1 if owner else 10  # others take turns
+    clock.forward(1)
+    behind = add_media(database, Role.REFERENCE)
+    assert eta_of(database, behind) == pytest.approx(60 * before + 0.5, rel=0.01)
+    clock.forward(1)
+    later = [add_media(database, Role.REFERENCE) for _ in range(20)]
+    assert eta_of(database, behind) == pytest.approx(60 * before + 0.5, rel=0.01)  # whatever comes after it
+    found = told(database, behind.job_id, later[0].job_id)
+    etas = [found[medium.job_id].eta for medium in (behind, later[0])]
+    assert [eta and eta.seconds for eta in etas] == [
+        pytest.approx(60 * before + 0.5, rel=0.01),
+        pytest.approx(60 * (2 if owner else 10) + 1, rel=0.01),
+    ]
+
+
+def test_a_job_at_work_is_waited_for_as_long_as_its_like_take(database: Database, clock: FakeClock) -> None:
+    for _ in range(5):
+        vectorized(database, clock, Role.VIDEO, 60)
+        vectorized(database, clock, Role.REFERENCE, 0.5)
+    live(database, 1)
+    claim(database, add_media(database).job_id, lease_s=1e6)
+    assert eta_of(database, add_media(database, Role.REFERENCE)) == pytest.approx(60.5, rel=0.01)
+
+
+def test_a_medium_that_was_vectorised_again_is_measured_each_time(database: Database, clock: FakeClock) -> None:
+    medium = vectorized(database, clock, Role.VIDEO, 60)
+    for _ in range(2):
+        with database.write() as session:
+            session.execute(update(Media).where(Media.id == medium.id).values(state=MediaState.FAILED))
+            failed = session.get_one(Media, medium.id)
+            assert media.vectorize_again(session, failed, now=database.now())
+            session.refresh(failed)
+            job_id = failed.job_id
+        work(database, clock, job_id, 60)
+    live(database, 1)
+    assert eta_of(database, add_media(database)) == pytest.approx(60, rel=0.01)
 
 
 def test_two_hundred_jobs_cost_no_more_queries_than_one(database: Database) -> None:
