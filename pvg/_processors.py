@@ -15,9 +15,14 @@ _CGROUPS: Final = Path("/sys/fs/cgroup")
 
 
 def processors() -> int:
-    """By this process's affinity and the quota of its cgroups, and at most `MOST`."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else _seen()
-    return max(1, min(usable, _quota(_CGROUPS), MOST))
+    """How many one clip is worked on by: those that are usable, and at most `MOST`."""
+    return min(usable_processors(), MOST)
+
+
+def usable_processors() -> int:
+    """By this process's affinity and the quota of its cgroups."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else _seen()
+    return max(1, min(allowed, _quota(_CGROUPS)))
 
 
 def are_more_seen() -> bool:
@@ -35,15 +40,15 @@ def _seen() -> int:
 
 
 def _quota(root: Path, own: Path = Path("/proc/self/cgroup")) -> int:
-    """How many the cgroups (version 2) of this process grant the time of, rounded up; `MOST` where they set no limit.
+    """How many the cgroups (version 2) of this process grant the time of, rounded up; all where they set no limit.
 
     ``root``: where they lie; a container sees its own there, whatever their name outside of it.
     """
     try:
         names = [line[3:] for line in own.read_text().splitlines() if line.startswith("0::")]
     except OSError:
-        return MOST
-    granted = [MOST]
+        return _seen()
+    granted = [_seen()]
     for name in names:
         path = root / name.strip("/")
         for folder in (path, *path.parents):

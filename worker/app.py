@@ -15,6 +15,7 @@ from celery.signals import (
 )
 from celery.utils.log import get_multiprocessing_logger
 
+from pvg._processors import usable_processors
 from service.logs import configure
 from service.queue import celery_settings, make_folders
 from service.settings import Settings
@@ -26,7 +27,7 @@ from worker.sandbox import SandboxServer
 settings = Settings()
 
 # several jobs share the cores; the numeric libraries read these as they are loaded
-_THREADS = str(max(1, (os.cpu_count() or 1) // settings.worker_concurrency))
+_THREADS = str(max(1, usable_processors() // settings.worker_concurrency))
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(_name, _THREADS)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ from typing import Any, TypeVar
 
 from sqlalchemy.orm import Session
 
+from pvg._processors import usable_processors
 from service.blobs import Blobs
 from service.catalog import Database, Job, Lease, Message
 from service.settings import Settings
@@ -112,7 +112,7 @@ class Run:
         settings = self.settings
         limits = Limits(
             memory_bytes=settings.job_memory_bytes,
-            cpu_s=int(settings.job_soft_limit_s * (os.cpu_count() or 1)) + 1,
+            cpu_s=int(settings.job_soft_limit_s * usable_processors()) + 1,
             file_bytes=settings.job_file_bytes,
         )
         watch = Watch(self.keeper.check, self.progress, self.began + settings.job_soft_limit_s)

@@ -10,7 +10,7 @@ import pytest
 
 import pvg
 from pvg import _processors
-from pvg._processors import MOST, decoding_threads, processors
+from pvg._processors import MOST, decoding_threads, processors, usable_processors
 from pvg.memory import rendering_bytes
 from pvg.rendering import clip as rendering
 from pvg.video import MediaLimits, VideoWriter, probe, read_frames
@@ -32,15 +32,17 @@ def large_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("limits", "granted"),
     [
-        ({}, MOST),
-        ({"": "max 100000"}, MOST),
+        ({}, 64),
+        ({"": "max 100000"}, 64),
         ({"": "400000 100000"}, 4),
         ({"": "150000 100000"}, 2),
         ({"a/b": "max 100000", "a": "50000 100000"}, 1),
         ({"a/b": "300000 100000", "a": "600000 100000"}, 3),
-        ({"": "6400000 100000"}, MOST),
+        ({"": "3200000 100000"}, 32),
+        ({"": "9600000 100000"}, 64),
     ],
 )
+@pytest.mark.usefixtures("large_machine")
 def test_the_quota_is_the_least_of_all_groups(limits: dict[str, str], granted: int, tmp_path: Path) -> None:
     own, root = tmp_path / "own", tmp_path / "cgroup"
     own.write_text("3:cpuset:/x\n0::/a/b\n")
@@ -49,16 +51,17 @@ def test_the_quota_is_the_least_of_all_groups(limits: dict[str, str], granted: i
         (root / name / "cpu.max").write_text(f"{text}\n")
     (tmp_path / "cpu.max").write_text("100000 100000\n")  # outside
     assert _processors._quota(root, own) == granted
-    assert _processors._quota(root, tmp_path / "none") == MOST
+    assert _processors._quota(root, tmp_path / "none") == 64
 
 
 def test_what_may_be_used_is_the_least_of_affinity_quota_and_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_processors, "_quota", lambda _: 64)
     machine_of(64, monkeypatch)
-    assert processors() == MOST
+    assert (usable_processors(), processors()) == (64, MOST)
     machine_of(64, monkeypatch, usable=3)
-    assert processors() == 3
+    assert (usable_processors(), processors()) == (3, 3)
     monkeypatch.setattr(_processors, "_quota", lambda _: 1)
-    assert processors() == 1
+    assert (usable_processors(), processors()) == (1, 1)
 
 
 @pytest.mark.parametrize("count", [1, 2])

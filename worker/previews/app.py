@@ -9,6 +9,7 @@ from typing import Final
 from celery import Celery
 from celery.signals import setup_logging, worker_init, worker_shutdown, worker_shutting_down
 
+from pvg._processors import usable_processors
 from service.logs import configure
 from service.queue import PREVIEW_TASK, celery_settings, make_folders
 from service.settings import Settings
@@ -23,8 +24,8 @@ _NICE: Final = 3
 
 settings = Settings()
 
-os.environ.setdefault("OPENCV_FOR_THREADS_NUM", str(os.cpu_count() or 1))
-os.environ.setdefault("NUMBA_NUM_THREADS", str(os.cpu_count() or 1))
+for _name in ("OPENCV_FOR_THREADS_NUM", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_name, str(usable_processors()))
 
 make_folders(settings)
 
