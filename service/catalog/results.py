@@ -89,10 +89,11 @@ def kept_until(session: Session, found: Sequence[Result]) -> dict[str, datetime]
     ids = {media_id for result in found for media_id in (result.video_id, result.reference_id)}
     rows = session.execute(select(Media.id, Media.expires_at).where(Media.id.in_(ids)))
     of_media = {row.id: row.expires_at for row in rows}
+    # a medium that is deleted just now limits nothing: its results were read before they went with it
     return {
         result.id: min(
             result.expires_at,
-            *(of_media[media_id] for media_id in (result.video_id, result.reference_id) if media_id in of_media),
+            *(of_media.get(media_id, result.expires_at) for media_id in (result.video_id, result.reference_id)),
         )
         for result in found
     }
