@@ -190,21 +190,31 @@ class Egress:
         How much is taken is up to the reader; ``owner`` is as for `post`. Raises `UrlNotAllowedError`, also for a
         redirect, and `FetchFailedError` when there is no answer, one that is no file, one that comes too slowly
         (``min_body_bytes_per_s`` over ``body_timeout_s``), or not within ``fetch_timeout_s``; and `StoppingError`.
+        What the reader itself raises passes through.
         """
+        limit = asyncio.timeout(self._settings.fetch_timeout_s)
         try:
-            async with asyncio.timeout(self._settings.fetch_timeout_s):
-                for hop in range(MAX_REDIRECTS + 1):
-                    silence_s = self._settings.body_timeout_s
-                    async with AsyncExitStack() as held:
-                        with _of_hop(hop):  # what it leads to is checked as the first was
-                            target = self.check(url)
-                            asking = self._sent("GET", target, owner, head_s=_HEAD_S, silence_s=silence_s)
-                            response = await held.enter_async_context(asking)
-                        if response.status_code not in _REDIRECTS:
-                            yield self._file(target, response)
-                            return
-                        place = response.headers.get("location", "")
-                    url = str(target.join(place))
+            async with limit, AsyncExitStack() as held:
+                yield await self._found(url, owner, held)
+        except TimeoutError as error:
+            if limit.expired():
+                raise _failed(error) from error
+            raise  # of the reader, such as of a disk that it writes to
+
+    async def _found(self, url: str, owner: str, held: AsyncExitStack) -> Fetched:
+        """The file that a URL leads to, whose connection is kept until ``held`` is closed; raises as `stream`."""
+        try:
+            for hop in range(MAX_REDIRECTS + 1):
+                async with AsyncExitStack() as asked:
+                    with _of_hop(hop):  # what it leads to is checked as the first was
+                        target, silence_s = self.check(url), self._settings.body_timeout_s
+                        asking = self._sent("GET", target, owner, head_s=_HEAD_S, silence_s=silence_s)
+                        response = await asked.enter_async_context(asking)
+                    if response.status_code not in _REDIRECTS:
+                        await held.enter_async_context(asked.pop_all())
+                        return self._file(target, response)
+                    place = response.headers.get("location", "")
+                url = str(target.join(place))
         except (httpx.InvalidURL, UnicodeError) as error:
             raise UrlNotAllowedError("the address leads to what is not a URL") from error
         except (TimeoutError, httpx.HTTPError) as error:
@@ -225,13 +235,16 @@ class Egress:
         window_s, least = self._settings.body_timeout_s, self._settings.min_body_bytes_per_s
         now = asyncio.get_running_loop().time
         began, received = now(), 0
-        async for chunk in pieces(response):
-            received += len(chunk)
-            if (passed := now() - began) >= window_s:
-                if received < least * passed:
-                    raise FetchFailedError(f"the file comes at fewer than {least:g} bytes a second")
-                began, received = now(), 0
-            yield chunk
+        try:
+            async for chunk in pieces(response):
+                received += len(chunk)
+                if (passed := now() - began) >= window_s:
+                    if received < least * passed:
+                        raise FetchFailedError(f"the file comes at fewer than {least:g} bytes a second")
+                    began, received = now(), 0
+                yield chunk
+        except (TimeoutError, httpx.HTTPError) as error:
+            raise _failed(error) from error
 
     @asynccontextmanager
     async def _sent(

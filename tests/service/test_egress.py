@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import ipaddress
 import ssl
 import subprocess
@@ -338,6 +339,55 @@ def test_what_is_no_file_says_why(
     here.answers["/"] = given
     with pytest.raises(FetchFailedError, match=said):
         fetch(egress, at)
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ETIMEDOUT, "a disk of the network"), TimeoutError(), KeyError("x")])
+@pytest.mark.parametrize("begun", [False, True])
+def test_what_the_reader_of_a_file_fails_with_is_its_own(
+    egress: Egress, here: Remote, at: str, error: Exception, begun: bool
+) -> None:
+    here.answers["/"] = answer(b"abc")
+
+    async def read() -> None:
+        async with egress.stream(at) as file:
+            if begun:
+                assert await anext(file.chunks) == b"abc"
+            raise error
+
+    with pytest.raises(type(error)) as raised:
+        asyncio.run(read())
+    assert raised.value is error
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_file_that_takes_too_long_in_all_is_given_up(here: Remote, at: str, tmp_path: Path, begun: bool) -> None:
+    egress = Egress(Settings(data_dir=tmp_path, fetch_timeout_s=0.5))
+    gone = threading.Event()
+
+    def send(connection: socket) -> None:
+        connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\nx" if begun else b"")
+        gone.wait(10)
+
+    here.answers["/"] = send
+    began = time.monotonic()
+    with pytest.raises(FetchFailedError, match="not answer in time"):
+        fetch(egress, at)
+    assert time.monotonic() - began < 5
+    gone.set()
+    egress.close()
+
+
+def test_a_file_whose_reader_takes_too_long_is_given_up(here: Remote, at: str, tmp_path: Path) -> None:
+    egress = Egress(Settings(data_dir=tmp_path, fetch_timeout_s=0.2))
+    here.answers["/"] = answer(b"abc")
+
+    async def read() -> None:
+        async with egress.stream(at):
+            await asyncio.sleep(10)
+
+    with pytest.raises(FetchFailedError, match="not answer in time"):
+        asyncio.run(read())
+    egress.close()
 
 
 def test_a_name_that_is_none_and_a_port_where_nobody_listens(
