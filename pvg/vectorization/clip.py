@@ -21,6 +21,7 @@ from pvg._targets import check_file
 from pvg._threads import one_blas_thread, one_opencv_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
 from pvg.curves import Matching
+from pvg.errors import MediaError
 from pvg.landmarks import link_persons
 from pvg.skin import MaskMethod
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
@@ -69,10 +70,10 @@ def vectorize(
     min_face_px: of faces that are followed;  advised_face_px: narrower ones get a warning;  seed: of the pixels that
     the least-squares fit draws.  strict: a clip whose end is cut off, whose colour tags or range change, or that goes
     on interlaced, is refused; else its frames up to there are used, and all are read as the first one, with a warning.
-    Raises `MediaError` (not a video or image, damaged, over a limit), `NoFaceError`, and `FaceTooSmallError` when
-    every face is narrower than `min_face_px`. Before any frame is read: `ValueError` for an option that is none of
-    these and for an asset in the place of the source, `OSError` where the asset cannot be written. A file that is there
-    is replaced by a whole asset only.
+    Raises `MediaError` (not a video or image, damaged, over a limit, or changed meanwhile), `NoFaceError`, and
+    `FaceTooSmallError` when every face is narrower than `min_face_px`. Before any frame is read: `ValueError` for an
+    option that is none of these and for an asset in the place of the source, `OSError` where the asset cannot be
+    written. A file that is there is replaced by a whole asset only.
     """
     path = Path(source)
     _check_options(mask, matching, input_color, reference=reference, strict=strict)
@@ -81,6 +82,7 @@ def vectorize(
     seed = whole_number("seed", seed)
     if asset is not None:
         check_file(Path(asset), [path])
+    before = _state_of(path)
     media = probe(path, limits, input_color=input_color, strict=strict)
     reader = SourceReader(path, media, limits, input_color, strict, progress or (lambda stage, done, total: None))
     with (
@@ -103,12 +105,33 @@ def vectorize(
                 "vectorizer": VECTORIZER_VERSION,
                 "settings": {**settings, "input_color": input_color},
                 **source_note(path, None if asset is None else target),
-                "source_sha256": sha256_file(path),
+                "source_sha256": _sha256_of(path, before),
                 "media": _media(reader, found, skinless),
                 "shots": list(found.shots),
             }
         )
     return VectorVideo(target, path, limits=limits, temporary=asset is None)
+
+
+def _state_of(path: Path) -> tuple[int, ...] | None:
+    """What is another once the file was written to or replaced; None where it cannot be had, as `probe` explains."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _sha256_of(path: Path, before: tuple[int, ...] | None) -> str:
+    """The clip's sha256, by which the asset is held to be of it.
+
+    before: its state before any of it was read. Raises `MediaError` when it is another now: the bytes that are hashed
+    may not be those that were read.
+    """
+    sha256 = sha256_file(path)
+    if _state_of(path) != before:
+        raise MediaError(f"{path.name} was changed while it was read; vectorise it once it stays as it is")
+    return sha256
 
 
 def _check_options(mask: str, matching: str, input_color: str, **switches: bool) -> None:

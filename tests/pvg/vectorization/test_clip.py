@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import shutil
 import tempfile
 import threading
 import time
@@ -357,6 +359,34 @@ def test_what_is_no_media_is_refused(tmp_path: Path) -> None:
     with pytest.raises(pvg.MediaError):
         pvg.vectorize(text, asset=tmp_path / "clip.pvg")
     assert not (tmp_path / "clip.pvg").exists()
+
+
+@pytest.mark.parametrize("change", ["replaced", "longer", "written again"])
+@pytest.mark.parametrize("reference", [False, True])
+def test_a_file_that_changes_while_it_is_read_is_refused(
+    samples: Samples, brief_clip: Path, tmp_path: Path, change: str, reference: bool
+) -> None:
+    path = tmp_path / "clip"
+    shutil.copy(samples.woman_clip if reference else brief_clip, path)
+    state = path.stat()
+    other = tmp_path / "other"
+    shutil.copy(brief_clip if reference else samples.woman_clip, other)
+
+    def meddle(stage: str, done: int, total: int) -> None:
+        if done != total or not other.exists():
+            return
+        if change == "replaced":
+            other.replace(path)  # what is open is read to its end
+            return
+        if change == "longer":
+            with path.open("ab") as file:
+                file.write(bytes(16))
+        os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns + (change == "written again")))
+        other.unlink()
+
+    with pytest.raises(pvg.MediaError, match="clip was changed while it was read"):
+        pvg.vectorize(path, asset=tmp_path / "clip.pvg", reference=reference, progress=meddle)
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_face_that_leaves_ends_its_track(samples: Samples, tmp_path: Path) -> None:
