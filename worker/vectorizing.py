@@ -31,7 +31,7 @@ def vectorize(run: Run) -> bool:
     folder = run.draft_folder()
     try:
         with run.local_path(medium.source_key) as source, run.timed("vectorize_s"):
-            answer = _vectorize(run, medium, source, folder)
+            answer = _vectorize(run, source, folder)
     except BlobMissingError as error:
         raise SourceLostError(medium.id) from error
     return _publish(run, medium, folder, answer)
@@ -74,7 +74,7 @@ def _finish(run: Run, asset: Asset) -> list[str] | None:
         return unneeded
 
 
-def _vectorize(run: Run, medium: Media, source: Path, folder: Path) -> VectorizeAnswer:
+def _vectorize(run: Run, source: Path, folder: Path) -> VectorizeAnswer:
     request = vectorize_request(run.job)
     is_reference = request.role is Role.REFERENCE
     run.progress.expect(REFERENCE_SPANS if is_reference else CLIP_SPANS)
