@@ -31,6 +31,7 @@ from service.catalog import (
     render_request,
     results,
 )
+from service.catalog.requests import no_face
 from service.ids import new_id
 from service.storage import BlobMissingError
 from worker.answers import LookAnswer, RenderAnswer, VerifyAnswer, checked, made
@@ -108,8 +109,7 @@ def _check_faces(kind: JobKind, look: Look, present: dict[str, Media]) -> None:
     for name, (media_id, what, faces) in wanted_of.items():
         count = len(present[media_id].faces)
         if count and (missing := [face for face in faces if face >= count]):
-            has = "face 0 only" if count == 1 else f"faces 0 to {count - 1}"
-            raise OptionError(f"no face {missing[0]}; this {what} has {has}", f"{place}/{name}")
+            raise OptionError(no_face(missing[0], count, f"this {what}"), f"{place}/{name}")
 
 
 def _known(session: Session, job: Job) -> tuple[list[Look], dict[str, Media | None], set[str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from service.catalog import Media
+from service.catalog import Media, requests
 
 
 def no_medium(media_id: str) -> str:
@@ -10,9 +10,9 @@ def no_medium(media_id: str) -> str:
     return f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
 
 
-def no_face(medium: Media) -> str:
+def no_face(medium: Media, face: int) -> str:
     """A medium that is ready has no such face."""
-    return f"{medium.id} has {len(medium.faces)} face(s); their indices begin at 0"
+    return requests.no_face(face, len(medium.faces), medium.id)
 
 
 def no_frame(medium: Media, count: int) -> str:

@@ -179,6 +179,12 @@ def look_params(look: Look) -> LookParams:
     return _from_json(LookParams, look.params)
 
 
+def no_face(face: int, count: int, what: str) -> str:
+    """What is said of a face that is asked for, where ``what`` has ``count``; the method says the same."""
+    has = "no faces" if count == 0 else "face 0 only" if count == 1 else f"faces 0 to {count - 1}"
+    return f"no face {face}; {what} has {has}"
+
+
 def _from_json(kind: type[_Stored], stored: dict[str, Any]) -> _Stored:
     known = {field.name for field in fields(kind)}
     read: dict[str, Any] = {

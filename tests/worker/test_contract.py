@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, fields
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast, get_args, get_type_hints
 
 import av
@@ -18,7 +19,7 @@ from sqlalchemy import Table, UniqueConstraint
 
 import pvg
 import pvg_client
-from pvg.asset import FaceSummary, MediaSummary
+from pvg.asset import FaceSummary, MediaSummary, faces_by_index
 from pvg.face import PARTS
 from pvg.looks import MAKEUP
 from pvg.rendering import LAYERS, MATTES, PART_S, SUITE_FILES, PictureFormat, can_join
@@ -63,6 +64,7 @@ from service.catalog.requests import (
     MatteFormat,
     Preset,
     StillFormat,
+    no_face,
 )
 from service.errors import PROBLEMS
 from service.settings import Settings
@@ -350,6 +352,14 @@ def test_a_scale_that_a_codec_has_not_is_refused_by_both(
 def test_every_preset_is_known_to_every_encoder(tiny: Path, tmp_path: Path, codec: str) -> None:
     for preset in PRESETS:
         assert written(tiny, tmp_path / f"{preset}.mkv", codec=codec, preset=preset)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_face_that_is_not_there_is_told_in_the_same_words(count: int) -> None:
+    video = cast(pvg.VectorVideo, SimpleNamespace(faces=[SimpleNamespace(index=index) for index in range(count)]))
+    with pytest.raises(ValueError, match="no face") as raised:
+        faces_by_index(video, [0, count + 1], what="reference")
+    assert str(raised.value) == no_face(count + 1, count, "this reference")
 
 
 # what is taken in

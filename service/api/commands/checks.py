@@ -76,9 +76,10 @@ def check_look(video: Media, reference: Media | None, look: WantedLook, where: s
     ``where`` the video stands in the request, as a JSON pointer.
     """
     check_role(video, where)
-    faces = look.options.faces
-    if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
-        raise ValidationFailedError.at(f"{look.place}/faces", no_face(video))
+    chosen = () if look.options.faces == "all" else look.options.faces
+    missing = [face for face in chosen if face >= len(video.faces)]
+    if video.state == MediaState.READY and missing:
+        raise ValidationFailedError.at(f"{look.place}/faces", no_face(video, missing[0]))
     _check_reference(reference, look)
 
 
@@ -115,7 +116,7 @@ def _check_reference(reference: Media | None, look: WantedLook) -> None:
     face = look.options.reference_face
     if reference is None or reference.state != MediaState.READY or face is None or face < len(reference.faces):
         return
-    raise ValidationFailedError.at(f"{look.place}/reference_face", no_face(reference))
+    raise ValidationFailedError.at(f"{look.place}/reference_face", no_face(reference, face))
 
 
 def check_apart(known: Mapping[str, Media], look: WantedLook) -> None:

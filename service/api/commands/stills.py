@@ -219,7 +219,7 @@ async def small_picture(
     """
     medium = await services.calls.read(_of_role, services, owner, role, media_id)
     if face is not None and face >= len(medium.faces):
-        raise NotFoundError(no_face(medium))
+        raise NotFoundError(no_face(medium, face))
     found = media.picture_of(medium, face)
     if found is not None:
         key, start, end = found

@@ -108,7 +108,7 @@ def _misfits(video: Media, wanted: PreviewRequest) -> dict[str, str]:
     if wanted.time_s is not None and wanted.time_s > duration_s:
         errors["/time_s"] = f"{video.id} ends after {duration_s:.3f} s"
     if wanted.face is not None and wanted.face >= len(video.faces):
-        errors["/face"] = no_face(video)
+        errors["/face"] = no_face(video, wanted.face)
     if wanted.crop is not None and info:
         x, y, _, _ = wanted.crop
         if x >= info["width"] or y >= info["height"]:

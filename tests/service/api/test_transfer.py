@@ -611,7 +611,7 @@ def test_a_face_that_a_ready_reference_does_not_have_is_named_where_it_was_asked
     refused = api.client.post("/transfer", json={"video": video["id"], "looks": wanted})
     assert refused.status_code == 422
     assert [error["pointer"] for error in refused.json()["errors"]] == ["/looks/1/reference_face"]
-    assert "has 3 face(s)" in refused.json()["detail"]
+    assert refused.json()["detail"] == f"no face 3; {reference['id']} has faces 0 to 2"
     parts = {"video": (None, video["id"]), "reference": (None, reference["id"]), "reference_face": (None, "3")}
     form = api.client.post("/transfer", files=parts)
     assert [error["pointer"] for error in form.json()["errors"]] == ["/reference_face"]
