@@ -119,10 +119,7 @@ def _apply_number(
     if low is not None and contrast != 1.0:
         # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
         codes = codes._replace(zero=np.float32(kernels.mean_above(before, weight, low)))
-    # this is λ − 1, written so that it is rounded in float32 as it always was: else a sample in a million would move by
-    # a code
-    excess = np.float32(1.0) + (np.float32(contrast - 1.0) - np.float32(1.0))
-    kernels.apply_contrast(part, before, weight, shift, excess, codes)
+    kernels.apply_contrast(part, before, weight, shift, np.float32(contrast - 1.0), codes)
 
 
 def _samples(frame: Frame, p: int, corner: tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:
