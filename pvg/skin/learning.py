@@ -56,14 +56,14 @@ class SkinModel:
 
 
 def fit_skin_model(
-    frame: Picture | Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks", haze: int = 0
+    frame: Picture | Bytes, landmarks: Landmarks, *, mask: MaskMethod = "landmarks", haze: int = 0
 ) -> SkinModel:
     """Learn a face's skin on its key frame.
 
-    frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels;  method: see `skin_mask`;
+    frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels;  mask: see `skin_mask`;
     haze: levels of it over the frame, see `pvg.haze`.
     """
-    if method == "ycbcr":
+    if mask == "ycbcr":
         return SkinModel(None)
     picture = as_picture(frame)
     learned, above = _learn(picture, landmarks, haze, bald=False)

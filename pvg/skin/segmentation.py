@@ -26,20 +26,20 @@ MaskMethod = Literal["landmarks", "ycbcr"]
 _LEARNING, _THROAT = SKIN_PRIOR.learning, SKIN_PRIOR.throat
 
 
-def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> Bools:
+def skin_mask(rgb: Bytes, landmarks: Landmarks, *, mask: MaskMethod = "landmarks") -> Bools:
     """Skin of one face in one picture: face, ears and neck, with the features inside filled.
 
     rgb: (H, W, 3) uint8;  landmarks: in its pixels.
-    method: "landmarks", or "ycbcr", the paper's rule over the whole picture: 8-bit Cr in [140, 160].
+    mask: "landmarks", or "ycbcr", the paper's rule over the whole picture: 8-bit Cr in [140, 160].
     Returns (H, W) bool without holes; "ycbcr" and mostly "landmarks" give one connected part, but an ear behind hair
     is a part of its own.
     """
     height, width = rgb.shape[:2]
-    if method == "ycbcr":
+    if mask == "ycbcr":
         return red_chroma_mask(rgb, face_area((height, width), landmarks))
     rgb = without_haze(rgb, haze_of(rgb))
-    mask, above = _of_box(rgb, landmarks, bald=False)
-    return _of_box(rgb, landmarks, bald=True)[0] if above else mask
+    found, above = _of_box(rgb, landmarks, bald=False)
+    return _of_box(rgb, landmarks, bald=True)[0] if above else found
 
 
 def _of_box(rgb: Bytes, landmarks: Landmarks, *, bald: bool) -> tuple[Bools, bool]:

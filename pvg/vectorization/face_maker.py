@@ -40,7 +40,7 @@ class FaceMaker:
             rows,
             key,
             self.threads,
-            method=self.mask,
+            mask=self.mask,
             seed=self.seed,
             reset=CHAIN_RESET_FRAMES if self.is_chain else None,
             advised_px=self.advised_face_px,

@@ -70,7 +70,7 @@ class VectorFace:
         key: KeyView,
         threads: SharedThreads,
         *,
-        method: MaskMethod,
+        mask: MaskMethod,
         seed: int,
         reset: int | None,
         advised_px: float = ADVISED_FACE_PX,
@@ -78,7 +78,7 @@ class VectorFace:
         """Begin a face at its track's first rows.
 
         begin: these rows or all;  key: the view whose colours the track is known by;
-        threads: shared by all faces of the clip, open until `record` was called;  method: of the mask, see `skin_mask`;
+        threads: shared by all faces of the clip, open until `record` was called;  mask: see `skin_mask`;
         seed: of the pixels that the least-squares fit draws;  advised_px: narrower faces get a warning;
         reset: frames from one key frame to the next, None for one key frame and those that a change of light asks for.
         """
@@ -91,7 +91,7 @@ class VectorFace:
         self._keys = TrackKeys(begin.first, key.row, threads, seed)
         self._haze = key.haze
         self._warmth = 0 if key.scene is None else warmth_of(key.scene.rgb, key.scene.person)
-        model = fit_skin_model(key.picture, key.landmarks, method=method, haze=key.haze)
+        model = fit_skin_model(key.picture, key.landmarks, mask=mask, haze=key.haze)
         self._skin = SkinTracker(model)
         self._body = None if model.learned is None else BodyTracker(model.learned)
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)

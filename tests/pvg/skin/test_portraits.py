@@ -179,7 +179,7 @@ def test_labelled_portraits_agree(media_dir: Path) -> None:
         truth = np.isin(labels, INSIDE)
         landmarks = fit_widest(rgb)
         stills.append(iou(skin_mask(rgb, landmarks), truth))
-        rule.append(iou(skin_mask(rgb, landmarks, method="ycbcr"), truth))
+        rule.append(iou(skin_mask(rgb, landmarks, mask="ycbcr"), truth))
         matte = SkinTracker(fit_skin_model(rgb, landmarks)).step(rgb, landmarks)
         tracked.append(iou(mask_of(matte, rgb.shape), truth))
     assert np.mean(stills) > 0.958

@@ -124,7 +124,7 @@ def test_a_face_of_sixty_four_pixels_is_found() -> None:
 
 def test_the_papers_rule_is_red_chroma_between_140_and_160() -> None:
     scene = drawn_face()
-    mask = skin_mask(scene.rgb, scene.landmarks, method="ycbcr")
+    mask = skin_mask(scene.rgb, scene.landmarks, mask="ycbcr")
     red, luma = scene.rgb[..., 0].astype(float), scene.rgb @ np.array([0.299, 0.587, 0.114])
     chroma = np.rint(0.713 * (red - luma) + 128)
     skin = ((chroma >= 140) & (chroma <= 160)).astype(np.uint8)

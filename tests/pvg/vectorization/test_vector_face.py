@@ -37,7 +37,7 @@ def test_a_face_keeps_its_places_and_no_stretch_of_its_track(tmp_path: Path) -> 
     rows = still_rows(scene.landmarks, count)
     key = KeyView(0, picture, rows.landmarks[0], None)
     with AssetWriter(tmp_path / "face.pvg") as writer, SharedThreads() as threads:
-        face = VectorFace(0, rows, key, threads, method="landmarks", seed=0, reset=None)
+        face = VectorFace(0, rows, key, threads, mask="landmarks", seed=0, reset=None)
         face.add(Stretch(0, 0, rows, (picture,) * count, np.ones(count, np.float32), (), key, True), writer)
         face.finish(writer)
     place = face.place(5)
@@ -67,7 +67,7 @@ def record_of(
     rows.pose[:, 0] = yaw
     key = KeyView(0, read[0], rows.landmarks[0], None)
     with AssetWriter(folder / "face.pvg") as writer, SharedThreads() as threads:
-        face = VectorFace(0, rows, key, threads, method="landmarks", seed=0, reset=None)
+        face = VectorFace(0, rows, key, threads, mask="landmarks", seed=0, reset=None)
         face.add(Stretch(0, 0, rows, read, np.ones(len(read), np.float32), (), key, True), writer)
         face.finish(writer)
         return face.record(0)
