@@ -44,7 +44,7 @@ def run_masks(labelled: tuple[tuple[Path, Path], ...]) -> list[dict[str, Any]]:
                 "portrait": portrait.stem,
                 "landmarks": iou(skin_mask(rgb, landmarks), truth),
                 "landmarks, in clips": iou(_as_tracked(rgb, landmarks), truth),
-                "ycbcr": iou(skin_mask(rgb, landmarks, method="ycbcr"), truth),
+                "ycbcr": iou(skin_mask(rgb, landmarks, mask="ycbcr"), truth),
             }
         )
     return rows

@@ -279,7 +279,7 @@ class PaperMask:
         key = max((k for k, one in enumerate(self.keys) if one.frame <= frame.index), default=0)
         changes = [look.colors[self.face][key] - self.keys[key].colors for look in self.looks]
         corner = -np.array([placed.x, placed.y], np.float32)
-        skin = skin_mask(rgb[_window_of(placed)], view.data.landmarks.moved(corner), method="ycbcr")
+        skin = skin_mask(rgb[_window_of(placed)], view.data.landmarks.moved(corner), mask="ycbcr")
         return _laid_in(rgb, placed, skin, changes)
 
 
