@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pvg.looks.cube import CUBE_SIZE, check_size, look_cube, remainder_by_luma, write_cube
-from pvg.looks.exchange import contrast_of_both, exchange
+from pvg.looks.exchange import LookOptions, contrast_of_both, exchange
 from pvg.looks.look import PROTECTABLE, Contrast, Look, LookMap, Region
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.parts import MAKEUP
@@ -21,6 +21,7 @@ __all__ = [
     "Contrast",
     "Look",
     "LookMap",
+    "LookOptions",
     "Region",
     "SkinMap",
     "check_size",

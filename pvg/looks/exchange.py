@@ -3,23 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TypedDict, Unpack
 
 from pvg.asset import VectorVideo, faces_by_index
 from pvg.looks.look import Contrast, Look
+from pvg.looks.parts import Makeup
 from pvg.looks.transfer import transfer
 
 
+class LookOptions(TypedDict, total=False):
+    """The options of `transfer` that two looks share which exchange colours."""
+
+    strength: float
+    match: str
+    makeup: Makeup
+    light: float
+    scene: float
+    protect: Sequence[str]
+    extent: str
+    beta: float
+    iterations: int
+    seed: int
+
+
 def exchange(
-    video: VectorVideo, faces: Sequence[int], *, contrast: Contrast | Sequence[Contrast] = "auto", **options: Any
+    video: VectorVideo,
+    faces: Sequence[int],
+    *,
+    contrast: Contrast | Sequence[Contrast] = "auto",
+    reference_face: int | None = None,
+    **options: Unpack[LookOptions],
 ) -> Look:
     """One look of `video` in which two of its faces exchange their colours; all others stay as they are.
 
     faces: the indices of the two;  contrast: λ of both, or one for each in the order of `faces`: "auto" or a number;
-    options: the others of `transfer` but for `reference_face`, for both. Raises `ValueError` unless there are two
-    different faces, and on a parameter out of range.
+    reference_face: None, since each is the other's reference;
+    options: strength, match, makeup, light, scene, protect, extent, beta, iterations and seed of `transfer`, for both.
+    Raises `ValueError` unless there are two different faces, and on a parameter out of range.
     """
-    if options.pop("reference_face", None) is not None:
+    if reference_face is not None:
         raise ValueError("two faces exchange their colours: each is the other's reference, and reference_face is none")
     chosen = faces_by_index(video, faces)
     if len(chosen) != 2 or chosen[0] == chosen[1]:

@@ -6,12 +6,11 @@ the clip and one operator.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import BinaryIO, Literal, Unpack
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from pvg._threads import one_blas_thread
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.errors import AssetError
-from pvg.looks import Contrast, Look, contrast_of_both, exchange, transfer
+from pvg.looks import Contrast, Look, LookOptions, contrast_of_both, exchange, transfer
 from pvg.memory import looks_at_once, processors_at_once
 from pvg.rendering.canvas import (
     Canvas,
@@ -231,10 +230,6 @@ def render_frame(video: VectorVideo, look: Look | None, index: int) -> Bytes:
         return (frame if look is None else Renderer(video, [look]).draw(frame)[0]).rgb()
 
 
-_HOW_TO_RENDER = {name for name, one in inspect.signature(render).parameters.items() if one.kind is one.KEYWORD_ONLY}
-_HOW_TO_RENDER -= {"pictures"}
-
-
 def swap(
     a: VectorVideo,
     b: VectorVideo | None = None,
@@ -242,14 +237,24 @@ def swap(
     *,
     faces: Literal["all"] | Sequence[int] = "all",
     contrast: Contrast | Sequence[Contrast] = "auto",
-    **options: Any,
+    reference_face: int | None = None,
+    container: str | None = None,
+    codec: str = "auto",
+    crf: int | None = None,
+    preset: str | None = None,
+    audio: Literal["copy", "none"] = "copy",
+    memory_bytes: int = MEMORY_BYTES,
+    progress: Progress | None = None,
+    **options: Unpack[LookOptions],
 ) -> list[tuple[str, ...]]:
     """Exchange face colours, between two clips or between two faces of one.
 
     Two clips: `paths[0]` is `a` with the colours of `b`, `paths[1]` is `b` with those of `a`; faces: to be changed in
     each. One clip, without `b`: two `faces` of `a` exchange their colours in one clip, written to the one path.
     contrast: λ of both sides, or one for each: "auto" or a number, first that of `a` or of `faces[0]`.
-    options: the others of `transfer` and of `render` but for `pictures`; within one clip there is no `reference_face`.
+    reference_face: of `transfer`, in each of two clips; within one clip there is none.
+    container, codec, crf, preset, audio, memory_bytes, progress: of `render`.
+    options: strength, match, makeup, light, scene, protect, extent, beta, iterations and seed of `transfer`.
     Returns as `render`; both files appear when both are complete. Raises `ValueError` for a clip and itself, and as
     those do.
 
@@ -258,21 +263,22 @@ def swap(
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if len(given) != (1 if b is None else 2):
         raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(given)}")
-    drawing = {k: options.pop(k) for k in _HOW_TO_RENDER if k in options}
+    encoding = Encoding(container, codec, crf, preset, audio)
     if b is None:
         if isinstance(faces, str):
             raise ValueError("a swap within one clip is of two faces, such as faces=(0, 1)")
-        return render(a, [exchange(a, faces, contrast=contrast, **options)], given, **drawing)
-    if a.source_sha256 == b.source_sha256:
-        raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces, such as faces=(0, 1)")
-    ours, theirs = _targets(given, [a, b])
-    first, second = contrast_of_both(contrast)
-    jobs = [
-        _Job(a, [transfer(a, b, faces=faces, contrast=first, **options)], [ours]),
-        _Job(b, [transfer(b, a, faces=faces, contrast=second, **options)], [theirs]),
-    ]
-    memory_bytes, progress = drawing.pop("memory_bytes", MEMORY_BYTES), drawing.pop("progress", None)
-    return _draw_and_publish(jobs, Encoding(**drawing), None, memory_bytes, progress)
+        look = exchange(a, faces, contrast=contrast, reference_face=reference_face, **options)
+        jobs = [_Job(a, [look], _targets(given, [a]))]
+    else:
+        if a.source_sha256 == b.source_sha256:
+            raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces: faces=(0, 1)")
+        ours, theirs = _targets(given, [a, b])
+        first, second = contrast_of_both(contrast)
+        jobs = [
+            _Job(one, [transfer(one, other, faces=faces, contrast=own, reference_face=reference_face, **options)], [to])
+            for one, other, own, to in ((a, b, first, ours), (b, a, second, theirs))
+        ]
+    return _draw_and_publish(jobs, encoding, None, memory_bytes, progress)
 
 
 def placed_faces(video: VectorVideo, index: int) -> Iterator[tuple[int, PlacedFace]]:

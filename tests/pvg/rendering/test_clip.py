@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import ctypes
+import inspect
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import pvg
+from pvg.looks import LookOptions
 from pvg.rendering import Renderer, render_part, source_frame
 from pvg.video import (
     Frame,
@@ -275,6 +277,19 @@ def test_a_swap_has_a_contrast_for_each_side(video: pvg.VectorVideo, samples: Sa
         (drawn,) = read_frames(tmp_path / "b.png")
         expected = pvg.render_frame(image, pvg.transfer(image, video, contrast=1.2), 0)
         np.testing.assert_array_equal(drawn.rgb(), expected)
+
+
+def test_a_swap_takes_the_options_of_a_look_and_of_an_output(group: pvg.VectorVideo) -> None:
+    own, look, output = (inspect.signature(one).parameters for one in (pvg.swap, pvg.transfer, pvg.render))
+    of_looks = {name for name, one in look.items() if one.kind is one.KEYWORD_ONLY}
+    assert LookOptions.__annotations__.keys() == of_looks - {"contrast", "faces", "reference_face"}
+    of_outputs = {name: one.default for name, one in output.items() if one.kind is one.KEYWORD_ONLY}
+    del of_outputs["pictures"]
+    assert {name: own[name].default for name in of_outputs} == of_outputs
+    assert all(name in (pvg.swap.__doc__ or "") for name in {*of_looks, *of_outputs})
+    for unknown in ("strenght", "pictures"):
+        with pytest.raises(TypeError, match=f"unexpected keyword argument '{unknown}'"):
+            pvg.swap(group, paths="never.png", faces=(0, 1), **{unknown: 1})  # type: ignore[arg-type]
 
 
 def test_a_swap_within_one_clip_exchanges_two_faces_and_leaves_the_others(
