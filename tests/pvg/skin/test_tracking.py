@@ -268,9 +268,9 @@ def test_frames_may_come_before_the_key_frame() -> None:
 
 def test_the_papers_rule_gives_hard_mattes() -> None:
     scene = drawn_face()
-    matte = first_matte(scene, method="ycbcr")
+    matte = first_matte(scene, mask="ycbcr")
     np.testing.assert_array_equal(matte.alpha, matte.mask * np.uint8(255))
-    still = skin_mask(scene.rgb, scene.landmarks, method="ycbcr")
+    still = skin_mask(scene.rgb, scene.landmarks, mask="ycbcr")
     assert iou(mask_of(matte, scene.rgb.shape), still) > 0.9
 
 
