@@ -1,39 +1,10 @@
 """How much memory a clip or picture will take, from its headers: neither its length nor its cuts count.
 
-Data of the process (VmData), which is what a limit counts, at its peak; what is resident is a third less. Measured by
-`python -m benchmarks.memory` on two cores with x264 and, of more than 8 bits, x265 at the default presets, 60 frames;
-up to 1920×1080 150 frames, of 8 bits 4:2:0 300, by which vectorising takes its most. The rows of 3840×2160 in 4:4:4 and
-of pictures are of before a row's body was looked for in a thread of its own (+60 MB). MB, and what is said:
-
-| | vectorising | one look | three looks |
-|---|---|---|---|
-| 640×360, 8 bits 4:2:0 | 1177 (1248) | 677 (777) | 713 (907) |
-| 640×360, 10 bits 4:2:0 | 1237 (1275) | 769 (1041) | 1126 (1717) |
-| 640×360, 8 bits 4:4:4 | 1203 (1275) | 729 (814) | 801 (975) |
-| 640×360, 10 bits 4:4:4 | 1254 (1331) | 836 (1093) | 1291 (1844) |
-| 1920×1080, 8 bits 4:2:0 | 1445 (1469) | 1047 (1073) | 1379 (1447) |
-| 1920×1080, 10 bits 4:2:0 | 1671 (1718) | 1499 (1613) | 3206 (3210) |
-| 1920×1080, 8 bits 4:4:4 | 1664 (1718) | 1306 (1406) | 1889 (2053) |
-| 1920×1080, 10 bits 4:4:4 | 2175 (2215) | 1989 (2079) | 4354 (4360) |
-| 3840×2160, 8 bits 4:2:0 | 1759 (2215) | 2030 (2071) | 3103 (3266) |
-| 3840×2160, 10 bits 4:2:0 | 2446 (3211) | 3470 (3541) | 8117 (8248) |
-| 3840×2160, 8 bits 4:4:4 | 2369 (3211) | 2965 (3403) | 4977 (5692) |
-| 3840×2160, 10 bits 4:4:4 | 3605 (5201) | 5031 (5408) | 12018 (12852) |
-| picture of 8 MP | 1170 (1292) | 861 (1002) | 874 (1098) |
-| picture of 32 MP | 1254 (1508) | 1838 (1938) | 1872 (2322) |
-
-One look of 8 bits 4:2:0 by other encoders, at 1920×1080 and 3840×2160: HEVC 1172 (1380) and 2532 (2608), AV1 1337
-(1378) and 2877 (3291), VP9 978 (1073) and 2055 (2071); DNxHR, FFV1 and ProRes less. Before the body's matte and people
-were looked for, 7680×4320 took 5239 for one look.
-
-Faces count little, since they share their threads and, where they are large, the pictures: with 16 of them, more than
-are followed, vectorising took 1101 of 640×360, 1545 of 1920×1080 (8 bits 4:2:0) and 1215 of a picture of 2 MP, one look
-561 of 640×360.
-
-More processors encode more frames at once. Of what each beyond two adds for one look, by encoder, measured are with
-eight in 640×360, 1920×1080 and 3840×2160: H.264 21, 68 and 168; HEVC of 8 bits 30 and 49 (the latter two), of 10 bits
-24, 31 and 77; AV1 30, 109 and 372, and up to 509 with four; VP9 10, 12 and 22. What is refused is told by two, on any
-machine; a pass uses as many as there is memory for (`processors_at_once`).
+Counted is data of the process (VmData) at its peak, as a limit counts it; what is resident is a third less. Each bound
+is what libraries, networks and threads take, and so many frames that are held at once; one look adds what its encoder
+holds, by codec, and each processor beyond two encodes more frames at once. Faces count little: they share their threads
+and, where they are large, the pictures. What is refused is told by two processors, on any machine; a pass uses as many
+as there is memory for (`processors_at_once`). docs/performance/memory.md has what was measured.
 """
 
 from __future__ import annotations
