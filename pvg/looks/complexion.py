@@ -82,7 +82,10 @@ def complexion(reference: Floats, own: Floats, scene: float, warmth: int = 0) ->
         skin = np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
     lab = median_lab(skin)
     turn = scene * _cast(lab, bound)
-    return _moved(skin, lab, _turned(lab, turn)) if turn > 0.0 else skin
+    if turn == 0.0:
+        return skin
+    chroma, hue = _chroma_and_hue(lab)
+    return _moved(skin, lab, _with_chroma_and_hue(lab, chroma, hue + turn))
 
 
 def _cast(lab: Doubles, own: Doubles) -> float:
@@ -131,7 +134,7 @@ def _held(lab: Doubles, own: Doubles) -> Doubles | None:
     turned = max(min(hue, most), least)
     if held == chroma and abs(turned - hue) < 1e-6:
         return None
-    return lab + share * (np.array([lab[0], held * np.cos(turned), held * np.sin(turned)]) - lab)
+    return lab + share * (_with_chroma_and_hue(lab, held, turned) - lab)
 
 
 def _of_skin(hue: float) -> float:
@@ -139,15 +142,14 @@ def _of_skin(hue: float) -> float:
     return min(ramp(hue, -_COLOURED, 0.0), ramp(hue, np.pi / 2 + _COLOURED, np.pi / 2))
 
 
-def _turned(lab: Doubles, angle: float) -> Doubles:
-    """A colour whose hue is turned by `angle`, radians, from red to yellow."""
-    chroma, hue = _chroma_and_hue(lab)
-    return np.array([lab[0], chroma * np.cos(hue + angle), chroma * np.sin(hue + angle)])
-
-
 def _chroma_and_hue(lab: Doubles) -> tuple[float, float]:
     """C* and the hue's angle from a* to b*, radians."""
     return float(np.hypot(*lab[1:])), float(np.arctan2(lab[2], lab[1]))
+
+
+def _with_chroma_and_hue(lab: Doubles, chroma: float, hue: float) -> Doubles:
+    """The colour of that C* and that hue, radians, that is as light as `lab`."""
+    return np.array([lab[0], chroma * np.cos(hue), chroma * np.sin(hue)])
 
 
 def _moved(skin: Floats, lab: Doubles, goal: Doubles) -> Floats:
