@@ -16,6 +16,7 @@ from pvg.video.color import color_space, named_space
 from pvg.video.formats import (
     RANGE_FULL,
     RANGE_LIMITED,
+    SCALER_THREADS,
     UNSPECIFIED,
     UNSTATED,
     Frame,
@@ -160,7 +161,8 @@ def _stored_alpha(picture: av.video.frame.VideoFrame, target: PixelFormat) -> Pl
     last = picture.format.components[-1]
     if last.plane != 3 or last.bits != target.depth or picture.format.name.endswith("be"):
         digits = "" if target.depth == 8 else f"{target.depth}le"
-        picture = picture.reformat(format=("gbrap" if target.is_rgb else "yuva444p") + digits)
+        layout = ("gbrap" if target.is_rgb else "yuva444p") + digits
+        picture = picture.reformat(format=layout, threads=SCALER_THREADS)
     return _plane_of(picture, 3, target)
 
 
@@ -184,6 +186,7 @@ def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> l
             src_color_range=full,
             dst_color_range=full,
             interpolation="BICUBIC",
+            threads=SCALER_THREADS,
         )
     return [_plane_of(picture, component.plane, target) for component in picture.format.components[:3]]
 

@@ -27,7 +27,7 @@ from pvg.video.encoders import (
     planar_layout,
 )
 from pvg.video.fields import FieldMarks, field_of, rows_of
-from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, Patch, PixelFormat
+from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, SCALER_THREADS, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import stated_colors
 from pvg.video.opening import reason
@@ -274,6 +274,7 @@ class PictureEncoder:
             dst_color_range=RANGE_FULL if self.plan.format.full_range else RANGE_LIMITED,
             dst_colorspace=1 if source.is_rgb and not self.plan.format.is_rgb else None,
             interpolation="BICUBIC",
+            threads=SCALER_THREADS,
         )
 
     def _step(self) -> int:

@@ -28,6 +28,10 @@ UNSTATED = (0, UNSPECIFIED, 3)
 
 RANGE_LIMITED, RANGE_FULL = 1, 2
 
+SCALER_THREADS = 1
+"""Of libav's scaler, which converts layouts: it writes some samples past the end of a row, into the next one, and with
+several threads that one may belong to another, which was done with it."""
+
 LUMA_WEIGHTS = {  # H.273 matrix code point -> (K_R, K_B)
     1: (0.2126, 0.0722),  # BT.709
     4: (0.30, 0.11),  # FCC 73.682

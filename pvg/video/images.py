@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pvg.errors import MediaError, TooLargeError
 from pvg.video.color import ColorSpace, color_space, named_space
-from pvg.video.formats import RGB24, RGB48, Frame
+from pvg.video.formats import RGB24, RGB48, SCALER_THREADS, Frame
 from pvg.video.icc import profile_space
 from pvg.video.jpeg import jpeg_size
 from pvg.video.metadata_record import PictureMetadata, TooManyPartsError
@@ -132,7 +132,7 @@ def _packed_samples(picture: av.video.frame.VideoFrame, depth: int) -> NDArray[A
     """(H, W, C) of a decoded picture: grey, grey and alpha, RGB or RGBA by its components;  depth: 8 or 16 bits."""
     names = ("gray", "ya8", "rgb24", "rgba") if depth == 8 else ("gray16le", "ya16le", "rgb48le", "rgba64le")
     name = names[len(picture.format.components) - 1]
-    picture = picture if picture.format.name == name else picture.reformat(format=name)
+    picture = picture if picture.format.name == name else picture.reformat(format=name, threads=SCALER_THREADS)
     plane, count = picture.planes[0], len(picture.format.components)
     rows = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[: picture.height]
     width = picture.width * count * depth // 8

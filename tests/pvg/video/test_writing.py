@@ -178,6 +178,17 @@ def test_a_depth_or_chroma_the_codec_lacks_becomes_the_nearest(tmp_path: Path) -
         assert np.abs(seen.rgb().astype(int) - frames[0].rgb()).mean() < 3.0
 
 
+@pytest.mark.parametrize(("name", "codec"), [("yuv420p", "prores4444"), ("gbrp", "prores")])
+def test_no_row_of_a_converted_picture_is_written_over_by_the_one_above(name: str, codec: str, tmp_path: Path) -> None:
+    """libav's scaler writes past the ends of rows that no whole registers fill."""
+    size, fmt = (450, 450), pixel_format(name)
+    rgb = np.broadcast_to(np.uint8([150, 140, 130]), (size[1], size[0], 3))
+    frames = [Frame(k, 512 * k, 0.04 * k, fmt, fmt.from_rgb(rgb)) for k in range(24)]
+    for frame in read_frames(write_clip(tmp_path / "clip.mov", frames, codec=codec)):
+        luma = frame.planes[0]
+        assert abs(luma.astype(int) - int(luma[0, -1])).max() < 8
+
+
 def test_an_rgb_clip_is_read_exactly_and_written_as_bt709(tmp_path: Path) -> None:
     pictures = [colorful(k) for k in range(4)]
     raw = [av.VideoFrame.from_ndarray(rgb, format="rgb24") for rgb in pictures]
