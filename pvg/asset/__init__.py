@@ -10,7 +10,7 @@ itself: it is the store of the Poisson regions, since f_i is the Laplacian of th
 from __future__ import annotations
 
 from pvg.asset.arrays import CHUNK_FRAMES
-from pvg.asset.reading import VectorVideo, faces_by_index, open_asset
+from pvg.asset.reading import VectorVideo, check_vectorized, faces_by_index, open_asset
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
 from pvg.asset.source import source_note
 from pvg.asset.writing import AssetWriter
@@ -24,6 +24,7 @@ __all__ = [
     "KeyFrame",
     "MediaSummary",
     "VectorVideo",
+    "check_vectorized",
     "faces_by_index",
     "open_asset",
     "source_note",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypedDict, Unpack
 
-from pvg.asset import VectorVideo, faces_by_index
+from pvg.asset import VectorVideo, check_vectorized, faces_by_index
 from pvg.looks.look import Contrast, Look
 from pvg.looks.parts import Makeup
 from pvg.looks.transfer import transfer
@@ -43,6 +43,7 @@ def exchange(
     """
     if reference_face is not None:
         raise ValueError("two faces exchange their colours: each is the other's reference, and reference_face is none")
+    check_vectorized(video)
     chosen = faces_by_index(video, faces)
     if len(chosen) != 2 or chosen[0] == chosen[1]:
         raise ValueError(f"two different faces exchange their colours, not {list(chosen)}")

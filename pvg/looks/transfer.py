@@ -17,7 +17,7 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg._checks import check_word, real_number, whole_number
-from pvg.asset import FaceRecord, FaceSummary, KeyFrame, VectorVideo, faces_by_index
+from pvg.asset import FaceRecord, FaceSummary, KeyFrame, VectorVideo, check_vectorized, faces_by_index
 from pvg.face import PARTS
 from pvg.haze import shown_through
 from pvg.looks.apart import parts_apart
@@ -100,8 +100,9 @@ def transfer(
     protect: features that go their own way, of "eyes" and "teeth";  extent: "skin", all skin of a person, or "face",
     which leaves chest, arms and hands as they are;  faces: "all", or the indices of those to change;
     beta, iterations: of eq. (7), above 0 up to 1 and from 0 on, the paper's 0.2 and 20;  seed: of the random rotations.
-    Raises `ValueError` on a parameter out of range or an unknown face or part.
+    Raises `ValueError` on a parameter out of range, an unknown face or part, and a path in the place of a video.
     """
+    check_vectorized(video, reference)
     contrast = _check(contrast, match, protect, extent)
     semantic = match == "semantic"
     goal = Goal(

@@ -19,7 +19,7 @@ from pvg._checks import whole_number
 from pvg._processors import processors
 from pvg._targets import check_files
 from pvg._threads import one_blas_thread
-from pvg.asset import VectorVideo
+from pvg.asset import VectorVideo, check_vectorized
 from pvg.curves import table_labels
 from pvg.errors import AssetError
 from pvg.looks import Contrast, Look, LookOptions, contrast_of_both, exchange, transfer
@@ -263,6 +263,7 @@ def swap(
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if len(given) != (1 if b is None else 2):
         raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(given)}")
+    check_vectorized(a, b)
     encoding = Encoding(container, codec, crf, preset, audio)
     if b is None:
         if isinstance(faces, str):

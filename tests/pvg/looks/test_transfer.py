@@ -1,7 +1,8 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -156,6 +157,22 @@ def test_parameters_out_of_range_are_named(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         pvg.transfer(video, dark_reference, **options)  # type: ignore[arg-type]
+
+
+def test_a_path_in_the_place_of_a_video_is_told_what_to_do(
+    video: pvg.VectorVideo, samples: Samples, tmp_path: Path
+) -> None:
+    path, out = samples.pale_portrait, tmp_path / "out.mp4"
+    calls: list[Callable[[], object]] = [
+        lambda: pvg.transfer(video, path),  # type: ignore[arg-type]
+        lambda: pvg.transfer(str(path), video),  # type: ignore[arg-type]
+        lambda: pvg.exchange(path, (0, 1)),  # type: ignore[arg-type]
+        lambda: pvg.swap(video, path, [out, out]),  # type: ignore[arg-type]
+        lambda: pvg.swap(str(path), paths=out, faces=(0, 1)),  # type: ignore[arg-type]
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match=r"is a path: give what pvg\.vectorize or pvg\.open_asset returns"):
+            call()
 
 
 def test_numbers_may_be_numpys(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
