@@ -87,6 +87,11 @@ class Entries:
         self._file.close()
 
     @property
+    def closed(self) -> bool:
+        """Whether it was closed: nothing is read any more."""
+        return self._file.closed
+
+    @property
     def comment(self) -> bytes:
         """What stands at the end of the file."""
         return self._zip.comment

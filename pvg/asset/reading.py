@@ -297,6 +297,8 @@ class VectorVideo:
             raise AssetError(f"entry {name} of {self.path.name} is not an array ({error})") from None
 
     def _read(self, name: str, digest: str, limit: int) -> bytes:
+        if self._file.closed:
+            raise AssetError(f"{self.path.name} has been closed: use it before that, within its `with` block")
         try:
             data = self._file.read(name, limit)
         except DAMAGE as error:

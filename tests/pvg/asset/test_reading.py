@@ -35,6 +35,14 @@ from pvg.face import FaceAxes
 from tests.gallery.assets import FIRST, FRAMES, SUMMARY, frame_arrays, key_frame, manifest_of
 
 
+def test_an_asset_that_was_closed_is_not_called_damaged(asset: Path, source: Path) -> None:
+    with open_asset(asset, source) as video:
+        pass
+    with pytest.raises(AssetError, match=r"has been closed: use it before that, within its `with` block$"):
+        video.face_at(0, FIRST)
+    assert video.faces == (SUMMARY,)
+
+
 def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, source: Path) -> None:
     with open_asset(asset, source) as video:
         assert video.frame_count == FIRST + FRAMES
