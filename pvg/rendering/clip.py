@@ -6,9 +6,11 @@ the clip and one operator.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
+from io import TextIOBase
 from pathlib import Path
 from typing import BinaryIO, Literal, Unpack
 
@@ -105,7 +107,10 @@ class _Job:
 
 def _targets(paths: Sequence[str | Path | BinaryIO], videos: Sequence[VectorVideo]) -> list[Path | BinaryIO]:
     """Where results go. Raises ValueError or OSError where they cannot, or would replace what is drawn on."""
-    targets = [Path(path) if isinstance(path, (str, Path)) else path for path in paths]
+    targets = [Path(path) if isinstance(path, (str, os.PathLike)) else path for path in paths]
+    for target in targets:
+        if not isinstance(target, Path) and (isinstance(target, TextIOBase) or not hasattr(target, "write")):
+            raise ValueError(f"each of paths must be a path or a binary stream, not {target!r}")
     streams = [id(target) for target in targets if not isinstance(target, Path)]
     if len(set(streams)) != len(streams):
         raise ValueError("two looks would be written to the same stream")

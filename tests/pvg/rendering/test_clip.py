@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import io
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -76,6 +77,14 @@ def test_two_looks_cannot_share_a_path(video: pvg.VectorVideo, dark_reference: p
         pvg.render(video, [look], "a.mp4")
     with pytest.raises(ValueError, match="looks must be a sequence, one for each look, not Look"):
         pvg.render(video, look, [tmp_path / "a.mp4"])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("path", [None, b"out.mp4", io.StringIO()])
+def test_what_is_no_path_and_no_binary_stream_is_refused(
+    path: object, video: pvg.VectorVideo, dark_reference: pvg.VectorVideo
+) -> None:
+    with pytest.raises(ValueError, match="each of paths must be a path or a binary stream, not "):
+        pvg.render(video, [pvg.transfer(video, dark_reference)], [path])  # type: ignore[list-item]
 
 
 def keep_to_permissions() -> None:
