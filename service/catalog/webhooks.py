@@ -125,16 +125,20 @@ def due(
 
 
 def claim(session: Session, delivery_id: str, *, now: datetime, lease_s: float) -> Attempt | None:
-    """Take a delivery that is due for ``lease_s`` seconds. None when it is not available."""
+    """Take a delivery that is due for ``lease_s`` seconds. None when it is not available.
+
+    One that another transaction has locked is not: who claims several would wait for one who waits for it.
+    """
     token = secrets.token_hex(16)
-    free = (Delivery.id == delivery_id, Delivery.state == DeliveryState.PENDING, Delivery.next_at <= now)
+    is_due = (Delivery.id == delivery_id, Delivery.state == DeliveryState.PENDING, Delivery.next_at <= now)
+    free = select(Delivery.id).where(*is_due).with_for_update(skip_locked=True)
     values = {
         "lease_token": token,
         "next_at": now + timedelta(seconds=lease_s),
         "attempts": Delivery.attempts + 1,
         "last_attempt_at": now,
     }
-    if not changed(session, update(Delivery).where(*free).values(values)):
+    if not changed(session, update(Delivery).where(Delivery.id == free.scalar_subquery()).values(values)):
         return None
     delivery = session.get(Delivery, delivery_id, populate_existing=True)
     job = session.get(Job, delivery.job_id, populate_existing=True) if delivery is not None else None

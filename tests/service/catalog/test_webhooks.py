@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import update
+from sqlalchemy.orm import Session
 
 from service.catalog import Database, Delivery, DeliveryState, Job, JobState, keys, sweep, webhooks
 from service.catalog.keys import Limits
@@ -130,6 +131,33 @@ def test_of_two_who_claim_a_delivery_one_has_it_and_a_late_one_changes_nothing(
         assert not webhooks.succeeded(session, first, 204, now=clock())
     (told,) = deliveries(database)
     assert (told.state, told.last_status, told.delivered_at) == (DeliveryState.DELIVERED, 204, clock())
+
+
+def test_two_who_claim_the_same_deliveries_in_another_order_do_not_wait_for_each_other(database: Database) -> None:
+    """Each had what the other one waited for: a deadlock on PostgreSQL, with more than one API."""
+    ended_job(database, URL, f"{URL}&other")
+    one, other = deliveries(database)
+    with database.write() as session:
+        webhooks.secret(session, "", now=database.now())  # who makes it is waited for
+    taken: list[str] = []
+
+    def take(session: Session, *wanted: Delivery) -> None:
+        now = database.now()
+        claimed = [webhooks.claim(session, each.id, now=now, lease_s=30) for each in wanted]
+        taken.extend(attempt.delivery.id for attempt in claimed if attempt is not None)
+
+    def take_both() -> None:
+        with database.write() as session:
+            take(session, other, one)
+
+    with ThreadPoolExecutor() as threads:
+        with database.write() as session:
+            take(session, one)
+            second = threads.submit(take_both)
+            until(lambda: second.done() or held_up(database) == 1)
+            take(session, other)
+        second.result()
+    assert sorted(taken) == sorted([one.id, other.id])
 
 
 def test_what_is_due_can_leave_out_origins_and_owners(database: Database) -> None:
