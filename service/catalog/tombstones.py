@@ -56,7 +56,7 @@ def bury(session: Session, keys: Collection[str], *, now: datetime) -> None:
     """Nothing names these blobs any more, from this transaction on: they are to be deleted."""
     values = {"due_at": now, "attempts": 0, "lease_token": None}
     for batch in in_batches(dict.fromkeys(keys)):
-        known = set(session.scalars(select(Tombstone.blob_key).where(Tombstone.blob_key.in_(batch)).with_for_update()))
+        known = _locked(session, batch)
         changed(session, update(Tombstone).where(Tombstone.blob_key.in_(known)).values(**values))
         if new := [{"blob_key": key, "created_at": now, **values} for key in batch if key not in known]:
             session.execute(insert(Tombstone), new)
@@ -64,6 +64,7 @@ def bury(session: Session, keys: Collection[str], *, now: datetime) -> None:
 
 def recorded(session: Session, keys: Collection[str]) -> bool:
     """This transaction records these blobs. False when one of them came too late and may be deleted: record none."""
+    _locked(session, keys)
     # one that was taken is on its way
     kept = delete(Tombstone).where(Tombstone.blob_key.in_(keys), Tombstone.attempts == 0)
     return changed(session, kept) == len(set(keys))
@@ -98,7 +99,7 @@ def take(session: Session, keys: Collection[str], *, now: datetime) -> list[str]
     They are due again later, and later still each time, in case that their deletion fails.
     """
     taken = []
-    for key in keys:
+    for key in sorted(keys):  # as others lock several
         row = session.get(Tombstone, key, with_for_update=True)
         if row is None or (row.due_at > now and not _is_abandoned(session, key)):
             continue
@@ -114,7 +115,7 @@ def gone(session: Session, keys: Collection[str], *, now: datetime) -> None:
 
     Those that a worker may still be writing, since it has not seen that its lease is lost, are deleted once more later.
     """
-    ended = Tombstone.blob_key.in_(keys)
+    ended = Tombstone.blob_key.in_(_locked(session, keys))
     changed(session, delete(Tombstone).where(ended, Tombstone.lease_token.is_(None)))
     later = {"due_at": now + timedelta(seconds=WRITER_S), "lease_token": None}
     changed(session, update(Tombstone).where(ended).values(**later))
@@ -126,6 +127,15 @@ _IS_ABANDONED: Final = and_(
     Tombstone.attempts == 0,
     Tombstone.lease_token.not_in(select(Job.lease_token).where(Job.state.in_(HELD), Job.lease_token.is_not(None))),
 )
+
+
+def _locked(session: Session, keys: Collection[str]) -> set[str]:
+    """Keep others from the rows of these blobs, in one order, so that none waits for one who waits for it.
+
+    Returns those of the keys that have a row.
+    """
+    rows = select(Tombstone.blob_key).where(Tombstone.blob_key.in_(keys)).order_by(Tombstone.blob_key)
+    return set(session.scalars(rows.with_for_update()))
 
 
 def _is_abandoned(session: Session, key: str) -> bool:

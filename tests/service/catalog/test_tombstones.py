@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 from service.catalog import Database, Lease, jobs, leases, media, tombstones
 from service.catalog.models import Tombstone
 from service.catalog.parts import CANCELED
 from service.catalog.transitions import Step
-from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
+from tests.service.fixtures import FakeClock, add_media, add_transfer, claim, held_up
+from tests.waiting import until
 
 
 def due(database: Database) -> list[str]:
@@ -90,6 +93,30 @@ def test_a_failed_deletion_of_it_waits_for_the_next_one(database: Database, cloc
     assert (due(database), take(database, "asset/x")) == ([], [])
     clock.forward(tombstones.FIRST_WAIT_S)
     assert due(database) == ["asset/x"]
+
+
+@pytest.mark.parametrize("step", ["take", "gone", "bury", "recorded"])
+def test_those_who_handle_the_same_blobs_do_not_wait_for_each_other(database: Database, step: str) -> None:
+    """Each had a row that the other one waited for: a deadlock on PostgreSQL, with more than one API."""
+    keys = ["asset/b", "asset/a"]
+    for key in keys:
+        with database.write() as session:
+            tombstones.bury(session, [key], now=database.now())
+
+    def handle() -> None:
+        with database.write() as session:
+            if step == "recorded":
+                tombstones.recorded(session, keys)
+            else:
+                getattr(tombstones, step)(session, keys, now=database.now())
+
+    with ThreadPoolExecutor() as threads:
+        with database.write() as session:
+            assert tombstones.take(session, ["asset/a"], now=database.now())
+            other = threads.submit(handle)
+            until(lambda: other.done() or held_up(database) == 1)
+            assert tombstones.take(session, ["asset/b"], now=database.now())
+        other.result()
 
 
 def test_its_writer_deletes_it_for_good(database: Database, clock: FakeClock) -> None:
