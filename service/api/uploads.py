@@ -250,6 +250,8 @@ class Intake:
 
 def declared_name(disposition: str | None) -> str | None:
     """What a Content-Disposition (RFC 6266, 4.3) calls the body: its `filename*` in UTF-8, else its `filename`."""
+    with suppress(UnicodeError):  # fields are read as Latin-1; what clients have beyond ASCII they send as UTF-8
+        disposition = disposition and disposition.encode("latin-1").decode()
     if found := _NAME_IN_UTF8.search(disposition or ""):
         return unquote(found[1])
     if found := _NAME.search(disposition or ""):

@@ -83,12 +83,16 @@ def test_of_a_file_that_is_sent_again_the_name_that_was_given_last_counts(api: A
         ("attachment; filename=\"a.mp4\"; filename*=UTF-8''kl%C3%A4r.mp4", "klär.mp4"),
         ('attachment; filename="../../clip.mp4"', "clip.mp4"),
         ("attachment; filename*=latin9''%E4.mp4", None),
+        ('attachment; filename="klär à la 日本.mp4"'.encode(), "klär à la 日本.mp4"),
+        ("attachment; filename=voilà.mp4".encode(), "voilà.mp4"),
+        ('attachment; filename="klär.mp4"'.encode("latin-1"), "klär.mp4"),
         ("attachment", None),
         ("", None),
     ],
 )
-def test_a_raw_upload_may_say_its_name(api: Api, header: str, name: str | None) -> None:
-    body = api.client.post("/videos", content=MP4, headers={"content-disposition": header}).json()
+def test_a_raw_upload_may_say_its_name(api: Api, header: str | bytes, name: str | None) -> None:
+    sent = header if isinstance(header, bytes) else header.encode()
+    body = api.client.post("/videos", content=MP4, headers=[(b"content-disposition", sent)]).json()
     assert body["filename"] == name
 
 
