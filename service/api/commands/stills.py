@@ -112,6 +112,7 @@ async def picture(
     if made is None:
         # no worker begins it any more: whoever waits for it, here or elsewhere, does better to ask again
         await services.calls.write(_drop, services, preview_id)
+        await services.calls.read(_check, services, owner, wanted)  # a medium may be deleted meanwhile
         raise _unavailable("the picture was not made in time; try again")
     if made.state == PreviewState.FAILED and made.error is not None:
         raise StillFailedError(made.error)
@@ -121,6 +122,7 @@ async def picture(
     try:
         return await _stream(services, made.blob_key, 0, made.size_bytes, headers, wanted.request.format)
     except BlobMissingError as error:  # deleted with its medium, or after its time
+        await services.calls.read(_check, services, owner, wanted)
         raise _unavailable("the picture is gone; ask again") from error
 
 

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -395,6 +396,25 @@ def test_deleting_the_medium_removes_its_pictures_at_once(api: Api, video: str, 
     for other, medium in media.items():
         assert api.client.delete(f"/{other}/{medium}").status_code == 204
     until(lambda: api.blobs == [])
+
+
+@pytest.mark.parametrize("role", ["videos", "references"])
+def test_whoever_waits_for_a_picture_of_what_is_deleted_is_told_so(
+    api: Api, video: str, reference: str, role: str
+) -> None:
+    with api.services.background.write() as session:  # a worker that is alive, and begins nothing
+        workers.beat(session, "previews", now=api.services.database.now(), kind="previews")
+
+    def is_asked() -> int:
+        with api.services.background.read() as session:
+            return session.query(Preview).count()
+
+    with ThreadPoolExecutor() as threads:
+        waiting = threads.submit(api.client.post, "/preview", json=body(video, reference))
+        until(is_asked)
+        assert api.client.delete(f"/{role}/{video if role == 'videos' else reference}").status_code == 204
+        answer = waiting.result()
+    assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 
 
 def test_nothing_is_left_after_a_minute(api: Api, video: str, reference: str, clock: FakeClock) -> None:
