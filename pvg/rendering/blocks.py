@@ -16,7 +16,7 @@ from pvg.rendering.node_means import averaged, mean_codes
 from pvg.rendering.placed_face import PlacedFace
 from pvg.video import Frame
 
-_COARSE = 3  # nodes across a block
+_COARSE = 2  # nodes across a block [measured: a beard that moves flickers in blocks of 3 nodes, not in these]
 _FEATHER = 0.05  # of the face's width: how softly the face goes over into what is beside it [by eye]
 _LEAST = 1e-3  # of alpha: where there is less, no mean is told
 

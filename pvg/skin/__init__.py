@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from pvg.skin.body import BodyTracker
-from pvg.skin.consensus import MatteConsensus
+from pvg.skin.body_consensus import BodyConsensus
+from pvg.skin.consensus import MatteConsensus, MatteInTime
 from pvg.skin.learning import fit_skin_model
 from pvg.skin.matte import Matte
 from pvg.skin.network import NetworkOutput
@@ -14,10 +15,12 @@ from pvg.skin.tracking import SkinTracker
 from pvg.skin.warmup import warm_up
 
 __all__ = [
+    "BodyConsensus",
     "BodyTracker",
     "MaskMethod",
     "Matte",
     "MatteConsensus",
+    "MatteInTime",
     "NetworkOutput",
     "Scene",
     "SceneReader",

@@ -134,9 +134,11 @@ class BodyTracker:
         leave_out_hair(probability, seen, hair, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
 
+        kept = None if before is None else before[0].mask
+
         def parts(probability: Floats, likely: Bools) -> Bools:
             # another's limb may join this person's own to the face
-            return body_parts(np.where(others, with_others, probability), likely | others, seen) & ~others
+            return body_parts(np.where(others, with_others, probability), likely | others, seen, kept) & ~others
 
         with_others, probability = probability, np.where(others, np.float32(0), probability)
         mask, skin = held(probability, before, parts, _EDGE_BLUR)

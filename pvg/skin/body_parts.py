@@ -140,10 +140,13 @@ def _is_of_hair(lab: Floats, part: Bools, ring: Bools, hair: float, scale: Color
     return float(np.linalg.norm((own - beside) / scale.spread)) < _BODY.hair_alike + hair
 
 
-def body_parts(probability: Floats, likely: Bools, seen: FaceInScene) -> Bools:
+def body_parts(probability: Floats, likely: Bools, seen: FaceInScene, before: Floats | None = None) -> Bools:
     """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and likely enough.
 
     What touches nothing must be likelier where the person mask is not sure, as on a wall or floor of the skin's colour.
+    A part is kept or left as a whole, so that one near a bound would come and go: what was kept may be less likely.
+
+    before: (h, w) in [0, 1], what was kept in the scene before, where its cells are now; None without one.
     """
     face = (seen.face_mask > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
@@ -154,6 +157,7 @@ def body_parts(probability: Floats, likely: Bools, seen: FaceInScene) -> Bools:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined[held], connectivity=8)
     touching = cv2.dilate(face, _square(2 * _TOUCHING + 1))[held] > 0
     likely, probability, person = likely[held], probability[held], seen.person[held]
+    was = None if before is None else before[held]
     kept = np.bincount(labels[touching], minlength=count) > 0
     kept[0] = False
     least = _BODY.least_part * seen.head.size**2
@@ -166,7 +170,9 @@ def body_parts(probability: Floats, likely: Bools, seen: FaceInScene) -> Bools:
         if int(cells.sum()) <= least:
             continue
         persons = float(person[box][cells].mean()) > 255 * _BODY.part_person
-        kept[part] = float(probability[box][cells].mean()) > (_BODY.sure if persons else _BODY.sure_alone)
+        least_sure = _BODY.sure if persons else _BODY.sure_alone
+        stays = 0.0 if was is None else _BODY.stays * float(was[box][cells].mean())
+        kept[part] = float(probability[box][cells].mean()) > least_sure - stays
     whole[held] = likely & kept[labels]
     return whole
 

@@ -1,4 +1,4 @@
-"""Nothing of a matte opens or closes for fewer than three frames, unless the picture itself does.
+"""Nothing of a face's matte opens or closes for fewer than three frames, unless the picture itself does.
 
 A glint on glasses or a patch of noise can open a hole in a matte for a frame or two, and an ear or a strip of neck can
 be taken in for as long. So each cell is held to the median over five frames, two before and two after, of it and its
@@ -12,6 +12,7 @@ Cells lie in the face's box, which goes with the face, so that a cell sees nearl
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -87,24 +88,42 @@ class MatteConsensus:
 def _consensus_of(window: deque[MatteInTime]) -> Matte:
     """The matte in the middle of five."""
     own = window[REACH]
-    usual = _median(*(frame.alpha for frame in window))
-    # an edge may be a little off where it usually is, as it is while a head rolls to and fro
-    alpha = np.clip(own.alpha, cv2.erode(usual, _AROUND), cv2.dilate(usual, _AROUND))
+    alpha = held_to(own.alpha, median_of_five(*(frame.alpha for frame in window)))
     if (alpha == own.alpha).all():
         return own.matte(own.alpha, own.mask)
-    red, green, blue = cv2.split(cv2.absdiff(own.rgb, _median(*(frame.rgb for frame in window))))
-    strange = np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
-    kernel = np.ones((_CONSENSUS.part, _CONSENSUS.part), np.uint8)
-    broad = np.asarray(cv2.morphologyEx(strange, cv2.MORPH_OPEN, kernel), np.uint8)
+    strange = off_usual(own.rgb, (frame.rgb for frame in window))
     of_other_hue = np.asarray(own.occluder * ramp(strange.astype(np.float32), *_CONSENSUS.colored), np.float32)
-    passing = ramp(np.asarray(cv2.dilate(broad, kernel), np.float32), *_CONSENSUS.passing)
-    weight = np.maximum(passing, of_other_hue)
+    weight = np.maximum(passes(strange, _CONSENSUS.part), of_other_hue)
     mixed = alpha + weight * (own.alpha.astype(np.float32) - alpha)
     changed = np.rint(mixed).astype(np.uint8)
     return own.matte(changed, np.where(changed == own.alpha, own.mask, changed >= 128))
 
 
-def _median(a: Bytes, b: Bytes, c: Bytes, d: Bytes, e: Bytes) -> Bytes:
+def held_to(own: Bytes, usual: Bytes) -> Bytes:
+    """A matte (h, w) held to what is usual (h, w).
+
+    An edge may be a little off where it usually is, as it is while a head rolls to and fro.
+    """
+    return np.asarray(np.clip(own, cv2.erode(usual, _AROUND), cv2.dilate(usual, _AROUND)), np.uint8)
+
+
+def passes(strange: Bytes, part: int) -> Floats:
+    """(h, w) float32 in [0, 1], where something large passes.
+
+    strange: (h, w) uint8, how far the picture is off its median of five;  part: the least width of such a thing, cells.
+    """
+    kernel = np.ones((part, part), np.uint8)
+    broad = np.asarray(cv2.morphologyEx(strange, cv2.MORPH_OPEN, kernel), np.uint8)
+    return ramp(np.asarray(cv2.dilate(broad, kernel), np.float32), *_CONSENSUS.passing)
+
+
+def off_usual(own: Bytes, around: Iterable[Bytes]) -> Bytes:
+    """(h, w) uint8, how far a picture (h, w, 3) is off the median of five, by the channel that is farthest."""
+    red, green, blue = cv2.split(cv2.absdiff(own, median_of_five(*around)))
+    return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
+
+
+def median_of_five(a: Bytes, b: Bytes, c: Bytes, d: Bytes, e: Bytes) -> Bytes:
     """The median of five arrays of one shape, element by element."""
     low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
     return np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))

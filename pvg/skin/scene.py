@@ -97,7 +97,7 @@ class Scene:
         """Maps x, y (h, w) from the cells to where they were in the scene before, None without one."""
         if self.flow is None:
             return None
-        return _maps(self.flow, self.raster.shape)
+        return cells_along(self.flow, self.raster.shape)
 
     def people(self, raster: Raster) -> Floats:
         """Where people may be in the cells (h, w) of another raster: float32, 0 where none are, up to 1.
@@ -112,8 +112,8 @@ class Scene:
         return ramp(person, *_BODY.any_person)
 
 
-def _maps(flow: Floats, shape: tuple[int, int]) -> Maps:
-    """Maps x, y (h, w) of where cells were, by the flow (h', w', 2) of blocks of them, in blocks."""
+def cells_along(flow: Floats, shape: tuple[int, int]) -> Maps:
+    """Maps x, y (h, w) of where cells are along a flow (h', w', 2) of blocks of them, in blocks."""
     h, w = shape
     return places_before(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS))
 
@@ -171,7 +171,7 @@ class SceneReader:
         self._age += 1
         person: Bytes | None = None
         if flow is not None and self._person is not None:
-            person = moved(self._person, _maps(flow, rgb.shape[:2]))
+            person = moved(self._person, cells_along(flow, rgb.shape[:2]))
         if person is not None and not changed and self._age < _BODY.person_every:
             return person
         self._age = 0

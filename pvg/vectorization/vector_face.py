@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from concurrent.futures import Future
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from pvg.skin import (
     BodyTracker,
     MaskMethod,
     Matte,
-    MatteConsensus,
     NetworkOutput,
     Scene,
     SkinTracker,
@@ -33,6 +33,7 @@ from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.plausible import doubts
 from pvg.vectorization.row_colors import RowColors
 from pvg.vectorization.shared_threads import SharedThreads
+from pvg.vectorization.steady_mattes import MattesInTime, SteadyMattes
 from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.track_keys import TrackKeys
 from pvg.vectorization.track_notes import TrackNotes
@@ -45,15 +46,14 @@ _LIPS_EVERY = 8  # frames from one look for lips that were not seen yet to the n
 
 @dataclass(frozen=True, eq=False)
 class _WaitingRow:
-    """A row that waits for the frames after it, which its matte is held to: row `k` of some rows.
+    """A row that waits for its mattes: row `k` of some rows.
 
-    visible: in [0, 1], what its mattes are multiplied by;  body: (h, w) alpha of the person's other skin, 0-255.
+    visible: in [0, 1], what its mattes are multiplied by.
     """
 
     rows: FaceTrack
     k: int
     visible: float
-    body: Future[Bytes]
 
 
 class VectorFace:
@@ -86,7 +86,6 @@ class VectorFace:
         self.left_to_right = float(begin.landmarks.points[0, :, 0].mean())
         self._reset = reset
         self._advised_px = advised_px
-        self._threads = threads
         self._notes = TrackNotes(begin.first)
         self._keys = TrackKeys(begin.first, key.row, threads, seed)
         self._haze = key.haze
@@ -96,7 +95,7 @@ class VectorFace:
         self._body = None if model.learned is None else BodyTracker(model.learned)
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._color_trust = 1.0 if self._body is None else self._body.color_trust
-        self._consensus = MatteConsensus()
+        self._mattes = MattesInTime(threads)
         self._unwritten: deque[_WaitingRow] = deque()
         self._key_row = key.row
         self._key: KeyView | None = key  # until its colours are begun
@@ -133,24 +132,22 @@ class VectorFace:
             if not self._keys.lips_known and row % _LIPS_EVERY == 0 and good[k]:
                 self._keys.look_for_lips(RowColors.of(picture, landmarks, matte))
             light, output = self._skin.light, self._skin.network_output
-            body = self._threads.bodies.submit(self._body_alpha, scene, landmarks, matte, light, output)
-            self._unwritten.append(_WaitingRow(rows, k, visible, body))
-            steady = matte if self._skin.in_time is None else self._consensus.add(self._skin.in_time)
-            if steady is not None:
-                self._write_first(steady, writer)
+            face = matte if self._skin.in_time is None else self._skin.in_time
+            make_body = partial(self._body_alpha, scene, landmarks, matte, light, output)
+            self._unwritten.append(_WaitingRow(rows, k, visible))
+            self._write_first(self._mattes.add(face, scene, make_body), writer)
         self._notes.add(rows)
 
     def finish(self, writer: AssetWriter) -> None:
         """Write the last rows, once all are added, and keep only what is told of the track: clips have many of them."""
-        for steady in self._consensus.end():
-            self._write_first(steady, writer)
+        self._write_first(self._mattes.end(), writer)
         writer.end_track(self.number)
         if self._light is not None:
             _, exposure = self._light
             self._keys.begin_due(exposure.end())
             self._keys.main_serves_since(exposure.main_since)
         self._keys.wait()
-        del self._skin, self._key_skin, self.key_matte, self._body, self._no_body, self._consensus, self._light
+        del self._skin, self._key_skin, self.key_matte, self._body, self._no_body, self._mattes, self._light
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs."""
@@ -218,10 +215,11 @@ class VectorFace:
             return self._no_body
         return self._body.step(scene, landmarks, matte, light, output).alpha
 
-    def _write_first(self, matte: Matte, writer: AssetWriter) -> None:
-        """Write the first of the rows that wait, with its face's matte."""
-        row = self._unwritten.popleft()
-        self._write(row.rows, row.k, row.visible, row.body.result(), matte, writer)
+    def _write_first(self, mattes: Sequence[SteadyMattes], writer: AssetWriter) -> None:
+        """Write the first of the rows that wait, with their mattes."""
+        for matte, body in mattes:
+            row = self._unwritten.popleft()
+            self._write(row.rows, row.k, row.visible, body, matte, writer)
 
     def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
         """Write row `k` of some rows;  visible, body: see `_WaitingRow`;  matte: of the face."""

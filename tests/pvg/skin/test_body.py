@@ -279,8 +279,11 @@ def test_what_little_a_persons_skin_encloses_is_skin(side: int, at: int, filled:
     np.testing.assert_array_equal(probability, before)
 
 
-def _is_kept(rows: int, columns: int, probability: float, person: float) -> bool:
-    """Whether a part of so many cells in the last corner of a scene, away from the face, is all of a body's mask."""
+def _is_kept(rows: int, columns: int, probability: float, person: float, before: bool | None = None) -> bool:
+    """Whether a part of so many cells in the last corner of a scene, away from the face, is all of a body's mask.
+
+    before: whether it was in the scene before, None without one.
+    """
     drawn = _drawn()
     scene = drawn.scene()
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
@@ -289,9 +292,18 @@ def _is_kept(rows: int, columns: int, probability: float, person: float) -> bool
     face_mask = np.zeros(part.shape, np.float32)
     face_mask[:10, :10] = 1
     cells, people = part * np.float32(probability), np.uint8(255 * person) * part.astype(np.uint8)
-    mask = body_parts(cells, part, FaceInScene(scene.rgb, people, face_mask, head))
+    was = None if before is None else part * np.float32(before)
+    mask = body_parts(cells, part, FaceInScene(scene.rgb, people, face_mask, head), was)
     assert mask[part].all() == mask.any()
     return bool(mask.any())
+
+
+@pytest.mark.parametrize(("probability", "person"), [(0.65, 0.9), (0.8, 0.6)], ids=["a hand", "not surely a person"])
+def test_a_part_that_was_kept_may_be_less_likely_than_one_that_comes_in(probability: float, person: float) -> None:
+    assert _is_kept(20, 20, probability, person, before=True)
+    assert not _is_kept(20, 20, probability, person, before=False)
+    assert not _is_kept(20, 20, probability, person)
+    assert not _is_kept(20, 20, probability - 0.15, person, before=True)
 
 
 @pytest.mark.parametrize(
