@@ -9,85 +9,83 @@ flow leads. What the flow does not explain, as a hand that passes, keeps its own
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
-from pvg.skin.consensus import REACH, held_to, off_usual, passes
-from pvg.skin.in_time import Maps, moved, places_before
+from pvg.skin.cleanup import occupied
+from pvg.skin.consensus import REACH, FramesAround, held_to, off_usual, passes
+from pvg.skin.in_time import Maps, in_levels, moved, places_before
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.scene import Scene, cells_along
 
 _CONSENSUS = SKIN_PRIOR.consensus
+_SEEN = 25  # levels of alpha [by eye]: less is not looked at
+_MARGIN = 8  # cells around what changes [by eye]: what decides it lies nearer
 
 
 @dataclass(frozen=True, eq=False)
 class _BodyInTime:
-    """A body's matte alpha (h, w) uint8 in a scene.
-
-    flow: see `Scene`, None where it does not lead to the frame before of this body.
-    """
+    """A body's matte alpha (h, w) uint8 in a scene."""
 
     alpha: Bytes
     scene: Scene
-    flow: Floats | None
+
+    def flow_to(self, before: _BodyInTime) -> Floats | None:
+        """The flow to the frame before, see `Scene`; None where it tells nothing of it."""
+        return None if before is self or self.scene.changed else self.scene.flow
 
 
 class BodyConsensus:
     """Brings the body's mattes of a track, in order, to what the frames around each of them agree on."""
 
     def __init__(self) -> None:
-        self._window: deque[_BodyInTime] = deque(maxlen=2 * REACH + 1)
-        self._behind = 0  # of the window, frames not given yet
+        self._frames = FramesAround[_BodyInTime]()
 
     def add(self, scene: Scene, alpha: Bytes) -> Bytes | None:
         """Take the next frame's matte (h, w) uint8; the one of REACH frames before it, None while there is none."""
-        first = not self._window
-        frame = _BodyInTime(alpha, scene, None if first or scene.changed else scene.flow)
-        if first:
-            self._window.extend([frame] * REACH)
-        self._window.append(frame)
-        self._behind += 1
-        if self._behind <= REACH:
-            return None
-        self._behind -= 1
-        return _consensus_of(self._window)
+        around = self._frames.add(_BodyInTime(alpha, scene))
+        return None if around is None else _consensus_of(around)
 
     def end(self) -> list[Bytes]:
         """The mattes of the last frames, when no more come."""
-        out = []
-        while self._behind:
-            last = self._window[-1]
-            self._window.append(_BodyInTime(last.alpha, last.scene, None))
-            if len(self._window) == 2 * REACH + 1:
-                out.append(_consensus_of(self._window))
-                self._behind -= 1
-        return out
+        return [_consensus_of(around) for around in self._frames.end()]
 
 
 def _consensus_of(window: Sequence[_BodyInTime]) -> Bytes:
     """The matte in the middle of five frames."""
-    own = window[REACH]
-    if not any(frame.alpha.any() for frame in window):
-        return own.alpha
-    places = _places(window)
-    around = [_at(frame.alpha, own.alpha, place) for frame, place in zip(window, places, strict=True)]
-    alpha = held_to(own.alpha, _middle_mean(around))
-    if (alpha == own.alpha).all():
-        return own.alpha
-    shown = own.scene.rgb
-    pictures = (_at(frame.scene.rgb, shown, place) for frame, place in zip(window, places, strict=True))
-    passing = passes(off_usual(shown, pictures), _CONSENSUS.body_part)
-    return np.rint(alpha + passing * (own.alpha.astype(np.float32) - alpha)).astype(np.uint8)
+    own = window[REACH].alpha
+    # where nothing moves, which is nearly everywhere, what the frames agree on is as it would be along the flow
+    box = _changed(own, held_to(own, _middle_mean([frame.alpha for frame in window])))
+    if box is None:
+        return own
+    shown = window[REACH].scene.rgb
+    places = [None if one is None else (one[0][box], one[1][box]) for one in _places(window)]
+    around = [_at(frame.alpha, own[box], place) for frame, place in zip(window, places, strict=True)]
+    held = held_to(own[box], _middle_mean(around))
+    if (held == own[box]).all():
+        return own
+    pictures = (_at(frame.scene.rgb, shown[box], place) for frame, place in zip(window, places, strict=True))
+    passing = passes(off_usual(shown[box], pictures), _CONSENSUS.body_part)
+    out = own.copy()
+    mixed = held + passing * (own[box].astype(np.float32) - held)
+    out[box] = in_levels(np.asarray(mixed / 255, np.float32))
+    return out
+
+
+def _changed(own: Bytes, other: Bytes) -> tuple[slice, slice] | None:
+    """Rows and columns of where two mattes (h, w) differ and of what lies around it; None where nowhere."""
+    off = np.asarray(cv2.absdiff(own, other) > _SEEN).view(np.uint8)
+    return occupied(off, _MARGIN) if off.any() else None
 
 
 def _middle_mean(values: Sequence[Bytes]) -> Bytes:
-    """The mean of five arrays of one shape without the least and the greatest, element by element."""
-    least, most = values[0], values[0]
+    """The mean of arrays of one shape without the least and the greatest, element by element."""
+    least = most = values[0]
     total = values[0].astype(np.uint16)
     for each in values[1:]:
         least, most, total = np.minimum(least, each), np.maximum(most, each), total + each
@@ -97,10 +95,8 @@ def _middle_mean(values: Sequence[Bytes]) -> Bytes:
 def _places(window: Sequence[_BodyInTime]) -> list[Maps | None]:
     """Where each cell of the middle frame is in each of five, None in itself and where no flow leads."""
     shape = window[REACH].alpha.shape
-    to_before, to_after = (
-        _followed([frame.flow for frame in frames], sign)
-        for frames, sign in ((list(window)[REACH:0:-1], 1), (list(window)[REACH + 1 :], -1))
-    )
+    flows = [frame.flow_to(before) for before, frame in pairwise(window)]
+    to_before, to_after = _followed(flows[:REACH][::-1], 1), _followed(flows[REACH:], -1)
     ways = [*reversed(to_before), None, *to_after]
     return [None if way is None else cells_along(way, shape) for way in ways]
 
@@ -125,11 +121,11 @@ def _followed(flows: Sequence[Floats | None], sign: int) -> list[Floats | None]:
 
 
 def _at(values: Bytes, own: Bytes, places: Maps | None) -> Bytes:
-    """Values (h, w) or (h, w, 3) of another frame at places (h, w), the middle frame's own beyond its edge."""
+    """Values (H, W) or (H, W, 3) of another frame at places (h, w), the middle frame's own where that is no picture."""
     if places is None:
         return own
     x, y = places
-    h, w = own.shape[:2]
+    h, w = values.shape[:2]
     read = np.asarray(cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
     beyond: Bools = (x < 0) | (y < 0) | (x > w - 1) | (y > h - 1)
     read[beyond] = own[beyond]

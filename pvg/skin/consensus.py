@@ -12,9 +12,10 @@ Cells lie in the face's box, which goes with the face, so that a cell sees nearl
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import cv2
 import numpy as np
@@ -56,15 +57,18 @@ class MatteInTime:
         return np.asarray(cv2.dilate(self.visible.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8)
 
 
-class MatteConsensus:
-    """Brings the mattes of a track, in order, to what the frames around each of them agree on."""
+T = TypeVar("T")
+
+
+class FramesAround(Generic[T]):
+    """Gives each frame of a track, in order, amid REACH to either side; its ends stand for what is beyond them."""
 
     def __init__(self) -> None:
-        self._window: deque[MatteInTime] = deque(maxlen=2 * REACH + 1)
+        self._window: deque[T] = deque(maxlen=2 * REACH + 1)
         self._behind = 0  # of the window, frames not given yet
 
-    def add(self, frame: MatteInTime) -> Matte | None:
-        """Take the next frame; the matte of the one REACH frames before it, None while there is none."""
+    def add(self, frame: T) -> tuple[T, ...] | None:
+        """Take the next frame; the frames around the one REACH before it, None while there is none."""
         if not self._window:
             self._window.extend([frame] * REACH)
         self._window.append(frame)
@@ -72,20 +76,36 @@ class MatteConsensus:
         if self._behind <= REACH:
             return None
         self._behind -= 1
-        return _consensus_of(self._window)
+        return tuple(self._window)
 
-    def end(self) -> list[Matte]:
-        """The mattes of the last frames, when no more come."""
+    def end(self) -> list[tuple[T, ...]]:
+        """The frames around each of the last, when no more come."""
         out = []
         while self._behind:
             self._window.append(self._window[-1])
             if len(self._window) == 2 * REACH + 1:
-                out.append(_consensus_of(self._window))
+                out.append(tuple(self._window))
                 self._behind -= 1
         return out
 
 
-def _consensus_of(window: deque[MatteInTime]) -> Matte:
+class MatteConsensus:
+    """Brings the mattes of a track, in order, to what the frames around each of them agree on."""
+
+    def __init__(self) -> None:
+        self._frames = FramesAround[MatteInTime]()
+
+    def add(self, frame: MatteInTime) -> Matte | None:
+        """Take the next frame; the matte of the one REACH frames before it, None while there is none."""
+        around = self._frames.add(frame)
+        return None if around is None else _consensus_of(around)
+
+    def end(self) -> list[Matte]:
+        """The mattes of the last frames, when no more come."""
+        return [_consensus_of(around) for around in self._frames.end()]
+
+
+def _consensus_of(window: Sequence[MatteInTime]) -> Matte:
     """The matte in the middle of five."""
     own = window[REACH]
     alpha = held_to(own.alpha, median_of_five(*(frame.alpha for frame in window)))

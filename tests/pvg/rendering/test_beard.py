@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -153,3 +154,18 @@ def test_a_beard_under_hidden_cheeks_is_told_by_its_darkness(placed: PlacedFace)
     hidden = replace(placed, alpha=np.ascontiguousarray((window > 0.0).astype(np.float32)))
     out = drawn(hidden, look_to(BRIGHT), YUV444)[chin(placed)].mean(axis=0)
     assert float(out @ WEIGHTS) == pytest.approx(float(HAIR @ WEIGHTS), abs=5)
+
+
+def test_what_stubble_keeps_moves_with_it(placed: PlacedFace) -> None:
+    light = np.array([130.0, 95.0, 76.0])  # of its hairs, in the mean nearly as bright as to be skin
+    texture = 1 + 0.35 * np.random.default_rng(3).normal(0, 1, (360, 640, 1))
+    lower = (below(placed) > 0.0)[..., None]
+
+    def change(moved: int) -> Doubles:
+        picture = np.where(lower, np.roll(light * texture, (moved, moved), (0, 1)), SKIN).clip(0, 255)
+        off = drawn(placed, look_to(BRIGHT), YUV444, picture=picture) - np.rint(picture)
+        return np.roll(cv2.GaussianBlur(off, (0, 0), 2.0), (-moved, -moved), (0, 1))
+
+    still = change(0)[chin(placed)]
+    unlike = [float(np.abs(change(moved)[chin(placed)] - still).mean()) for moved in (1, 2, 3)]
+    assert max(unlike) < 1.0
