@@ -127,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         folder = args.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         rows = []
-        with pvg.vectorize(portrait, asset=folder / "reference.pvg", reference=True) as reference:
+        with pvg.vectorize(portrait, asset=folder / f"reference-{portrait.stem}.pvg", reference=True) as reference:
             for still in choose(stills, args.names):
                 try:
                     rows.append(measure(still, reference, folder))

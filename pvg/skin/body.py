@@ -61,6 +61,7 @@ _WEIGHTS = BodyWeights(
     most=np.float32(_BODY.most),
 )
 _SIDE_BY_SIDE = 0.5  # of a face's width: faces nearer to each other are one
+_KEEP = SKIN_PRIOR.tracking.keep
 _EDGE_BLUR = 1.0  # cells around the mask's edge
 
 
@@ -134,7 +135,7 @@ class BodyTracker:
         leave_out_hair(probability, seen, hair, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
 
-        kept = None if before is None else before[0].mask
+        kept = None if before is None or scene.changed else before[0].mask * before[1] / np.float32(_KEEP)
 
         def parts(probability: Floats, likely: Bools) -> Bools:
             # another's limb may join this person's own to the face

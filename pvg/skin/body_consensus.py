@@ -3,8 +3,9 @@
 A part of a body is skin, or none of it is: an arm that is hardly likely enough, or joined to the rest by a few cells,
 would come and go from frame to frame. So each cell is held, as the face's are (`pvg.skin.consensus`), to what five
 frames say of it and its neighbours, two before and two after; here that is their mean without the least and the
-greatest. The cells of a scene stay where they are while people move, so those of other frames are taken from where the
-flow leads. What the flow does not explain, as a hand that passes, keeps its own matte.
+greatest, within what two of them in a row say. The cells of a scene stay where they are while people move, so those of
+other frames are taken from where the flow leads. Where the picture is not what the flow makes of it, as under a hand
+that passes, a frame keeps its own matte. Parts that are narrower than three cells are left as they are.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.skin.cleanup import occupied
-from pvg.skin.consensus import REACH, FramesAround, held_to, off_usual, passes
+from pvg.skin.consensus import REACH, FramesAround, held_to, most_off, passes
 from pvg.skin.in_time import Maps, in_levels, moved, places_before
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.scene import Scene, cells_along
@@ -26,6 +27,8 @@ from pvg.skin.scene import Scene, cells_along
 _CONSENSUS = SKIN_PRIOR.consensus
 _SEEN = 25  # levels of alpha [by eye]: less is not looked at
 _MARGIN = 8  # cells around what changes [by eye]: what decides it lies nearer
+Box = tuple[slice, slice]
+"""Rows and columns of cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +38,9 @@ class _BodyInTime:
     alpha: Bytes
     scene: Scene
 
-    def flow_to(self, before: _BodyInTime) -> Floats | None:
-        """The flow to the frame before, see `Scene`; None where it tells nothing of it."""
-        return None if before is self or self.scene.changed else self.scene.flow
+
+_Seen = tuple[_BodyInTime, Floats | None]
+"""A frame, and the way (h', w', 2) there from the middle one, in blocks of cells; None in itself."""
 
 
 class BodyConsensus:
@@ -58,65 +61,96 @@ class BodyConsensus:
 
 def _consensus_of(window: Sequence[_BodyInTime]) -> Bytes:
     """The matte in the middle of five frames."""
-    own = window[REACH].alpha
-    # where nothing moves, which is nearly everywhere, what the frames agree on is as it would be along the flow
-    box = _changed(own, held_to(own, _middle_mean([frame.alpha for frame in window])))
-    if box is None:
-        return own
-    shown = window[REACH].scene.rgb
-    places = [None if one is None else (one[0][box], one[1][box]) for one in _places(window)]
-    around = [_at(frame.alpha, own[box], place) for frame, place in zip(window, places, strict=True)]
-    held = held_to(own[box], _middle_mean(around))
-    if (held == own[box]).all():
-        return own
-    pictures = (_at(frame.scene.rgb, shown[box], place) for frame, place in zip(window, places, strict=True))
-    passing = passes(off_usual(shown[box], pictures), _CONSENSUS.body_part)
-    out = own.copy()
-    mixed = held + passing * (own[box].astype(np.float32) - held)
-    out[box] = in_levels(np.asarray(mixed / 255, np.float32))
+    own = window[REACH]
+    box = occupied(np.asarray(np.max([frame.alpha for frame in window], axis=0), np.uint8), _MARGIN)
+    if not own.alpha[box].size:
+        return own.alpha
+    seen = [*_followed(window[REACH::-1], 1)[::-1], (own, None), *_followed(window[REACH:], -1)]
+    if not any(way is not None and _moves(way, own.alpha.shape, box) for _, way in seen):
+        # nothing moves: what the frames agree on needs a look only where it is not what is there
+        usual = _usual([frame.alpha[box] for frame, _ in seen])
+        off = cv2.absdiff(own.alpha[box], held_to(own.alpha[box], usual, _CONSENSUS.body_around)) > _SEEN
+        if not off.any():
+            return own.alpha
+        box = _within(box, occupied(np.asarray(off, np.bool_).view(np.uint8), _MARGIN))
+    places = [None if way is None else cells_along(way, own.alpha.shape, box) for _, way in seen]
+    alpha = own.alpha[box]
+    mattes = [_at(frame.alpha, alpha, place) for (frame, _), place in zip(seen, places, strict=True)]
+    held = held_to(alpha, _usual(mattes), _CONSENSUS.body_around)
+    if (held == alpha).all():
+        return own.alpha
+    shown = own.scene.rgb[box]
+    pictures = [_at(frame.scene.rgb, shown, place) for (frame, _), place in zip(seen, places, strict=True)]
+    mattes = [_where_alike(*each, alpha, shown) for each in zip(mattes, pictures, strict=True)]
+    out = own.alpha.copy()
+    held = held_to(alpha, _usual(mattes), _CONSENSUS.body_around)
+    out[box] = in_levels(np.asarray(held / np.float32(255), np.float32))
     return out
 
 
-def _changed(own: Bytes, other: Bytes) -> tuple[slice, slice] | None:
-    """Rows and columns of where two mattes (h, w) differ and of what lies around it; None where nowhere."""
-    off = np.asarray(cv2.absdiff(own, other) > _SEEN).view(np.uint8)
-    return occupied(off, _MARGIN) if off.any() else None
+def _where_alike(matte: Bytes, picture: Bytes, own: Bytes, shown: Bytes) -> Bytes:
+    """A matte (h, w) of another frame, and the middle frame's `own` where something else is seen there.
 
-
-def _middle_mean(values: Sequence[Bytes]) -> Bytes:
-    """The mean of arrays of one shape without the least and the greatest, element by element."""
-    least = most = values[0]
-    total = values[0].astype(np.uint16)
-    for each in values[1:]:
-        least, most, total = np.minimum(least, each), np.maximum(most, each), total + each
-    return np.asarray((total - least - most) // np.uint16(len(values) - 2), np.uint8)
-
-
-def _places(window: Sequence[_BodyInTime]) -> list[Maps | None]:
-    """Where each cell of the middle frame is in each of five, None in itself and where no flow leads."""
-    shape = window[REACH].alpha.shape
-    flows = [frame.flow_to(before) for before, frame in pairwise(window)]
-    to_before, to_after = _followed(flows[:REACH][::-1], 1), _followed(flows[REACH:], -1)
-    ways = [*reversed(to_before), None, *to_after]
-    return [None if way is None else cells_along(way, shape) for way in ways]
-
-
-def _followed(flows: Sequence[Floats | None], sign: int) -> list[Floats | None]:
-    """The ways (h', w', 2), in blocks of cells, along the first flow, along two of them, and so on; None beyond a gap.
-
-    sign: 1 along the flows, which lead to the frame before, -1 against them. They are smooth, so that the way back is
-    about as long where it begins.
+    picture, shown: (h, w, 3), of that frame and of the middle one.
     """
-    out: list[Floats | None] = []
-    way: Floats | None = None
-    for i, flow in enumerate(flows):
-        if flow is None or (i and way is None):
-            way = None
-        elif way is None:
-            way = np.float32(sign) * flow
-        else:
-            way = way + np.float32(sign) * moved(flow, places_before(way))
-        out.append(way)
+    if matte is own:
+        return own
+    other = passes(most_off(picture, shown), _CONSENSUS.body_part)
+    return np.rint(matte + other * (own.astype(np.float32) - matte)).astype(np.uint8)
+
+
+def _within(box: Box, part: Box) -> Box:
+    """A box of cells within another one, in those that the other is in."""
+    rows, columns = (
+        slice(outer.start + inner.start, min(outer.stop, outer.start + inner.stop))
+        for outer, inner in zip(box, part, strict=True)
+    )
+    return rows, columns
+
+
+def _usual(mattes: Sequence[Bytes]) -> Bytes:
+    """What mattes (h, w) of frames in their order agree on: their mean without the least and the greatest.
+
+    What only single frames have, however many, counts for nothing.
+    """
+    least = most = mattes[0]
+    total = mattes[0].astype(np.uint16)
+    for each in mattes[1:]:
+        least, most, total = np.minimum(least, each), np.maximum(most, each), total + each
+    mean = (total - least - most) // np.uint16(len(mattes) - 2)
+    pairs = list(pairwise(mattes))
+    lasting = np.max([np.minimum(*pair) for pair in pairs], axis=0)
+    missing = np.min([np.maximum(*pair) for pair in pairs], axis=0)
+    return np.asarray(np.maximum(np.minimum(mean, lasting), missing), np.uint8)
+
+
+def _moves(way: Floats, shape: tuple[int, ...], box: Box) -> bool:
+    """Whether a way (h', w', 2) leads a cell or farther somewhere in a box of a scene of `shape` (h, w)."""
+    rows, columns = (
+        slice(one.start * blocks // cells, -(-one.stop * blocks // cells))
+        for one, blocks, cells in zip(box, way.shape, shape, strict=False)
+    )
+    part = way[rows, columns]
+    return bool(part.size) and float(np.abs(part).max()) * shape[0] >= way.shape[0]
+
+
+def _followed(frames: Sequence[_BodyInTime], sign: int) -> list[_Seen]:
+    """The frames after the first of these that the flow leads to from there, and the ways; the last of them goes on.
+
+    sign: 1 towards earlier frames, along the flows; -1 towards later ones, against them. Flows are smooth, so that the
+    way back is about as long where it begins.
+    """
+    out: list[_Seen] = []
+    last: _Seen = frames[0], None
+    for near, far in pairwise(frames):
+        flow = (near if sign > 0 else far).scene.flow
+        if near is not last[0] or far is near or flow is None:
+            out.append(last)
+            continue
+        way = last[1]
+        step = np.float32(sign) * (flow if way is None else moved(flow, places_before(way)))
+        last = far, step if way is None else way + step
+        out.append(last)
     return out
 
 
@@ -127,6 +161,6 @@ def _at(values: Bytes, own: Bytes, places: Maps | None) -> Bytes:
     x, y = places
     h, w = values.shape[:2]
     read = np.asarray(cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
-    beyond: Bools = (x < 0) | (y < 0) | (x > w - 1) | (y > h - 1)
+    beyond: Bools = (x < -1) | (y < -1) | (x > w) | (y > h)  # nearer, the edge goes on
     read[beyond] = own[beyond]
     return read

@@ -146,7 +146,7 @@ def body_parts(probability: Floats, likely: Bools, seen: FaceInScene, before: Fl
     What touches nothing must be likelier where the person mask is not sure, as on a wall or floor of the skin's colour.
     A part is kept or left as a whole, so that one near a bound would come and go: what was kept may be less likely.
 
-    before: (h, w) in [0, 1], what was kept in the scene before, where its cells are now; None without one.
+    before: (h, w) in [0, 1], how far each cell was kept in the scene before and shows the same now; None without one.
     """
     face = (seen.face_mask > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))

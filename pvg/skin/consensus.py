@@ -12,7 +12,7 @@ Cells lie in the face's box, which goes with the face, so that a cell sees nearl
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Generic, TypeVar
@@ -28,7 +28,6 @@ from pvg.skin.parameters import SKIN_PRIOR
 REACH = 2  # frames to either side
 
 _CONSENSUS = SKIN_PRIOR.consensus
-_AROUND = np.ones((_CONSENSUS.around, _CONSENSUS.around), np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +107,10 @@ class MatteConsensus:
 def _consensus_of(window: Sequence[MatteInTime]) -> Matte:
     """The matte in the middle of five."""
     own = window[REACH]
-    alpha = held_to(own.alpha, median_of_five(*(frame.alpha for frame in window)))
+    alpha = held_to(own.alpha, median_of_five(*(frame.alpha for frame in window)), _CONSENSUS.around)
     if (alpha == own.alpha).all():
         return own.matte(own.alpha, own.mask)
-    strange = off_usual(own.rgb, (frame.rgb for frame in window))
+    strange = most_off(own.rgb, median_of_five(*(frame.rgb for frame in window)))
     of_other_hue = np.asarray(own.occluder * ramp(strange.astype(np.float32), *_CONSENSUS.colored), np.float32)
     weight = np.maximum(passes(strange, _CONSENSUS.part), of_other_hue)
     mixed = alpha + weight * (own.alpha.astype(np.float32) - alpha)
@@ -119,27 +118,28 @@ def _consensus_of(window: Sequence[MatteInTime]) -> Matte:
     return own.matte(changed, np.where(changed == own.alpha, own.mask, changed >= 128))
 
 
-def held_to(own: Bytes, usual: Bytes) -> Bytes:
-    """A matte (h, w) held to what is usual (h, w).
+def held_to(own: Bytes, usual: Bytes, around: int) -> Bytes:
+    """A matte (h, w) held to what is usual (h, w) in `around` cells a side.
 
     An edge may be a little off where it usually is, as it is while a head rolls to and fro.
     """
-    return np.asarray(np.clip(own, cv2.erode(usual, _AROUND), cv2.dilate(usual, _AROUND)), np.uint8)
+    cells = np.ones((around, around), np.uint8)
+    return np.asarray(np.clip(own, cv2.erode(usual, cells), cv2.dilate(usual, cells)), np.uint8)
 
 
 def passes(strange: Bytes, part: int) -> Floats:
     """(h, w) float32 in [0, 1], where something large passes.
 
-    strange: (h, w) uint8, how far the picture is off its median of five;  part: the least width of such a thing, cells.
+    strange: (h, w) uint8, see `most_off`;  part: the least width of such a thing, cells.
     """
     kernel = np.ones((part, part), np.uint8)
     broad = np.asarray(cv2.morphologyEx(strange, cv2.MORPH_OPEN, kernel), np.uint8)
     return ramp(np.asarray(cv2.dilate(broad, kernel), np.float32), *_CONSENSUS.passing)
 
 
-def off_usual(own: Bytes, around: Iterable[Bytes]) -> Bytes:
-    """(h, w) uint8, how far a picture (h, w, 3) is off the median of five, by the channel that is farthest."""
-    red, green, blue = cv2.split(cv2.absdiff(own, median_of_five(*around)))
+def most_off(picture: Bytes, other: Bytes) -> Bytes:
+    """(h, w) uint8, how far two pictures (h, w, 3) are off each other, by the channel that is farthest."""
+    red, green, blue = cv2.split(cv2.absdiff(picture, other))
     return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
 
 

@@ -15,7 +15,7 @@ SteadyMattes = tuple[Matte, Bytes]
 _AHEAD = 2  # rows whose bodies may be in the making while the next row's face is looked for [by eye]
 
 
-class MattesInTime:
+class MatteQueue:
     """Holds the mattes of face and body of a track's rows, in order, to what the rows around agree on."""
 
     def __init__(self, threads: SharedThreads) -> None:

@@ -33,7 +33,7 @@ from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.plausible import doubts
 from pvg.vectorization.row_colors import RowColors
 from pvg.vectorization.shared_threads import SharedThreads
-from pvg.vectorization.steady_mattes import MattesInTime, SteadyMattes
+from pvg.vectorization.steady_mattes import MatteQueue, SteadyMattes
 from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.track_keys import TrackKeys
 from pvg.vectorization.track_notes import TrackNotes
@@ -95,7 +95,7 @@ class VectorFace:
         self._body = None if model.learned is None else BodyTracker(model.learned)
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._color_trust = 1.0 if self._body is None else self._body.color_trust
-        self._mattes = MattesInTime(threads)
+        self._mattes = MatteQueue(threads)
         self._unwritten: deque[_WaitingRow] = deque()
         self._key_row = key.row
         self._key: KeyView | None = key  # until its colours are begun
@@ -135,12 +135,12 @@ class VectorFace:
             face = matte if self._skin.in_time is None else self._skin.in_time
             make_body = partial(self._body_alpha, scene, landmarks, matte, light, output)
             self._unwritten.append(_WaitingRow(rows, k, visible))
-            self._write_first(self._mattes.add(face, scene, make_body), writer)
+            self._write_known(self._mattes.add(face, scene, make_body), writer)
         self._notes.add(rows)
 
     def finish(self, writer: AssetWriter) -> None:
         """Write the last rows, once all are added, and keep only what is told of the track: clips have many of them."""
-        self._write_first(self._mattes.end(), writer)
+        self._write_known(self._mattes.end(), writer)
         writer.end_track(self.number)
         if self._light is not None:
             _, exposure = self._light
@@ -215,8 +215,8 @@ class VectorFace:
             return self._no_body
         return self._body.step(scene, landmarks, matte, light, output).alpha
 
-    def _write_first(self, mattes: Sequence[SteadyMattes], writer: AssetWriter) -> None:
-        """Write the first of the rows that wait, with their mattes."""
+    def _write_known(self, mattes: Sequence[SteadyMattes], writer: AssetWriter) -> None:
+        """Write the first of the rows that wait, whose mattes are known now."""
         for matte, body in mattes:
             row = self._unwritten.popleft()
             self._write(row.rows, row.k, row.visible, body, matte, writer)

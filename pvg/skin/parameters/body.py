@@ -78,7 +78,7 @@ class BodyNumbers:
     sure: float = 0.7  # mean probability of such a part [measured: before ADR 0075, at 0.85 an arm is lost]
     part_person: float = 0.78  # mean of the person mask there [measured: hands 0.83 and more, floors 0.76 and less]
     sure_alone: float = 0.88  # mean probability of a part with less [measured: before 0075, hands 0.92, floors 0.82]
-    stays: float = 0.15  # of either, less where it was kept before [measured: a shoulder's wavers by 0.05]
+    stays: float = 0.1  # of either, less where it was kept before [measured: a shoulder's wavers by 0.05]
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     gap: float = 0.12  # face sizes [by eye]: half the widest gap between the mattes of face and body
     gap_face: float = 0.9  # of the face's matte [by eye]: what has less may be of a gap

@@ -67,5 +67,6 @@ class ConsensusNumbers:
     passing: Range = (30.0, 60.0)  # [by eye]: something large passes, from noise and glints of glasses on
     around: int = 5  # cells [by eye]: twice, and one, how far an edge may be off where it usually is
     part: int = 7  # cells [by eye]: the least width of such a thing
-    body_part: int = 3  # the same of a body, a finger [by eye]
+    body_around: int = 3  # both of a body, whose cells are larger [by eye]
+    body_part: int = 3  # a finger [by eye]
     colored: Range = (6.0, 14.0)  # [by eye]: something of another hue than skin passes

@@ -9,7 +9,7 @@ from pvg._arrays import Bytes
 from pvg.raster import Raster
 from pvg.skin import Matte, Scene
 from pvg.vectorization.shared_threads import SharedThreads
-from pvg.vectorization.steady_mattes import MattesInTime, SteadyMattes
+from pvg.vectorization.steady_mattes import MatteQueue, SteadyMattes
 
 SHAPE = (12, 16)
 ROWS = 9
@@ -26,15 +26,18 @@ def face(row: int) -> Matte:
 
 
 def body(row: int) -> Bytes:
-    """All skin, but for one row."""
-    return np.full(SHAPE, 0 if row == 4 else 255, np.uint8)
+    """All skin, but for one row, and in a corner of it five times its number, which changes slowly."""
+    alpha = np.full(SHAPE, 0 if row == 4 else 255, np.uint8)
+    alpha[:6, :6] = 0
+    alpha[:3, :3] = 5 * row
+    return alpha
 
 
 def rows_of(scenes: bool) -> list[tuple[int, SteadyMattes]]:
     """After how many rows each pair of mattes was known, and they."""
     out = []
     with SharedThreads() as threads:
-        mattes = MattesInTime(threads)
+        mattes = MatteQueue(threads)
         for row in range(ROWS):
             found = mattes.add(face(row), scene() if scenes else None, lambda row=row: body(row))  # type: ignore[misc]
             out += [(row, each) for each in found]
@@ -43,11 +46,13 @@ def rows_of(scenes: bool) -> list[tuple[int, SteadyMattes]]:
 
 @pytest.mark.parametrize("scenes", [True, False])
 def test_faces_and_bodies_of_one_row_come_together_and_in_order(scenes: bool) -> None:
-    assert [int(matte.alpha[0, 0]) for _, (matte, _) in rows_of(scenes)] == list(range(ROWS))
+    assert [(int(matte.alpha[0, 0]), int(alpha[0, 0]) // 5) for _, (matte, alpha) in rows_of(scenes)] == [
+        (row, row) for row in range(ROWS)
+    ]
 
 
 def test_bodies_are_held_to_the_rows_around_them() -> None:
-    assert [int(alpha.min()) for _, (_, alpha) in rows_of(True)] == [255] * ROWS
+    assert [int(alpha[8:, 8:].min()) for _, (_, alpha) in rows_of(True)] == [255] * ROWS
 
 
 def test_without_a_scene_bodies_stay_as_they_are() -> None:
@@ -63,7 +68,7 @@ def test_what_a_body_raises_is_raised_where_it_is_waited_for() -> None:
         raise RuntimeError("no body")
 
     with SharedThreads() as threads:
-        mattes = MattesInTime(threads)
+        mattes = MatteQueue(threads)
         mattes.add(face(0), scene(), fails)
         with pytest.raises(RuntimeError, match="no body"):
             mattes.end()
