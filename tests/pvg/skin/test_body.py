@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -99,6 +100,37 @@ def _tracker(drawn: Drawn) -> tuple[BodyTracker, SkinTracker]:
 def _step(body: BodyTracker, skin: SkinTracker, drawn: Drawn, scene: Scene) -> np.ndarray:
     matte = skin.step(drawn.rgb, drawn.landmarks)
     return _alpha(drawn, body.step(scene, drawn.landmarks, matte, skin.light))
+
+
+def test_parts_are_told_what_was_kept_of_them_where_the_picture_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[np.ndarray | None] = []
+
+    def looked_at(*given: Any) -> np.ndarray:
+        seen.append(given[3])
+        return body_parts(*given)
+
+    monkeypatch.setattr("pvg.skin.body.body_parts", looked_at)
+    drawn, reader = _drawn(), SceneReader()
+    (body, skin), covered = _tracker(drawn), drawn.rgb.copy()
+    covered[380:, 430:510] = 20
+    scenes = [drawn.scene(reader=reader), drawn.scene(reader=reader), replace(drawn, rgb=covered).scene(reader=reader)]
+    scenes[2:] = [replace(scenes[2], changed=False), replace(scenes[1], changed=True)]
+    for scene in scenes:
+        body.step(scene, drawn.landmarks, skin.step(drawn.rgb, drawn.landmarks), skin.light)
+    first, same, half_covered, changed = seen
+    assert first is None
+    assert changed is None
+    assert same is not None
+    assert half_covered is not None
+    rows, columns = (np.rint(v).astype(int) for v in scenes[0].raster.centers()[::-1])
+    above, below = (
+        np.ix_((rows > low) & (rows < high), (columns > 455) & (columns < 485))
+        for low, high in ((345, 360), (400, 420))
+    )
+    assert same[above].min() > 0.9
+    assert same[below].min() > 0.9
+    assert half_covered[above].min() > 0.8
+    assert half_covered[below].max() < 0.1
 
 
 def test_the_network_speaks_against_what_hangs_beside_the_face_and_not_before_it() -> None:
