@@ -67,25 +67,31 @@ def _consensus_of(window: Sequence[_BodyInTime]) -> Bytes:
         return own.alpha
     seen = [*_followed(window[REACH::-1], 1)[::-1], (own, None), *_followed(window[REACH:], -1)]
     if not any(way is not None and _moves(way, own.alpha.shape, box) for _, way in seen):
-        # nothing moves: what the frames agree on needs a look only where it is not what is there
-        usual = _usual([frame.alpha[box] for frame, _ in seen])
-        off = cv2.absdiff(own.alpha[box], held_to(own.alpha[box], usual, _CONSENSUS.body_around)) > _SEEN
-        if not off.any():
+        # nothing moves: what the frames agree on needs a look along the flow only where it is not what is there
+        box = _within(box, _changed(own.alpha[box], [frame.alpha[box] for frame, _ in seen]))
+        if not own.alpha[box].size:
             return own.alpha
-        box = _within(box, occupied(np.asarray(off, np.bool_).view(np.uint8), _MARGIN))
     places = [None if way is None else cells_along(way, own.alpha.shape, box) for _, way in seen]
-    alpha = own.alpha[box]
-    mattes = [_at(frame.alpha, alpha, place) for (frame, _), place in zip(seen, places, strict=True)]
-    held = held_to(alpha, _usual(mattes), _CONSENSUS.body_around)
-    if (held == alpha).all():
+    mattes = [_at(frame.alpha, own.alpha[box], place) for (frame, _), place in zip(seen, places, strict=True)]
+    part = _changed(own.alpha[box], mattes)
+    box, places = _within(box, part), [None if place is None else (place[0][part], place[1][part]) for place in places]
+    alpha, shown = own.alpha[box], own.scene.rgb[box]
+    if not alpha.size:
         return own.alpha
-    shown = own.scene.rgb[box]
-    pictures = [_at(frame.scene.rgb, shown, place) for (frame, _), place in zip(seen, places, strict=True)]
-    mattes = [_where_alike(*each, alpha, shown) for each in zip(mattes, pictures, strict=True)]
+    alike = []
+    for (frame, _), matte, place in zip(seen, mattes, places, strict=True):
+        picture = _at(frame.scene.rgb, shown, place)
+        alike.append(alpha if place is None else _where_alike(matte[part], picture, alpha, shown))
     out = own.alpha.copy()
-    held = held_to(alpha, _usual(mattes), _CONSENSUS.body_around)
+    held = held_to(alpha, _usual(alike), _CONSENSUS.body_around)
     out[box] = in_levels(np.asarray(held / np.float32(255), np.float32))
     return out
+
+
+def _changed(own: Bytes, mattes: Sequence[Bytes]) -> Box:
+    """The box around where mattes (h, w) of five frames agree on another one than `own`; empty without."""
+    off = cv2.absdiff(own, held_to(own, _usual(mattes), _CONSENSUS.body_around)) > _SEEN
+    return occupied(np.asarray(off, np.bool_).view(np.uint8), _MARGIN)
 
 
 def _where_alike(matte: Bytes, picture: Bytes, own: Bytes, shown: Bytes) -> Bytes:
@@ -93,8 +99,6 @@ def _where_alike(matte: Bytes, picture: Bytes, own: Bytes, shown: Bytes) -> Byte
 
     picture, shown: (h, w, 3), of that frame and of the middle one.
     """
-    if matte is own:
-        return own
     other = passes(most_off(picture, shown), _CONSENSUS.body_part)
     return np.rint(matte + other * (own.astype(np.float32) - matte)).astype(np.uint8)
 
