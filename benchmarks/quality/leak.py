@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import pvg
 from benchmarks.quality.clips import measured_frames, opened_paper, vectorize_clip
 from benchmarks.quality.faces import Floats, Image, references_of, view_of
-from benchmarks.quality.lossless import write_lossless
+from benchmarks.quality.lossless import even_side, write_lossless
 from benchmarks.quality.masks import widest_landmarks
 from benchmarks.quality.measures import wander
 from benchmarks.quality.peers import DEEP, open_methods
@@ -52,7 +52,7 @@ def _person(path: Path, labels: Path | None) -> tuple[Image, Floats]:
         size = 2 * round(0.05 * landmarks.axes.width) + 1
         mask = cv2.dilate(skin, np.ones((size, size), np.uint8)).astype(np.float32)
     scale = _LEAK_SIDE / max(rgb.shape[:2])
-    side = (round(rgb.shape[1] * scale) // 2 * 2, round(rgb.shape[0] * scale) // 2 * 2)
+    side = even_side(rgb, scale)
     small = cv2.resize(rgb, side, interpolation=cv2.INTER_AREA)
     soft = cv2.resize(cv2.GaussianBlur(mask, (0, 0), 1.0), side, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8), np.asarray(soft, np.float32)

@@ -12,6 +12,12 @@ import numpy as np
 from benchmarks.quality.faces import Image
 
 
+def even_side(picture: Image, scale: float) -> tuple[int, int]:
+    """Width and height of a picture (h, w, …) so many times as large, rounded to even ones, as 4:2:0 asks for."""
+    height, width = (round(side * scale) // 2 * 2 for side in picture.shape[:2])
+    return width, height
+
+
 def write_lossless(path: Path, frames: Iterator[Image]) -> None:
     """Write RGB frames as a clip that decodes to the very planes it was given."""
     with av.open(str(path), "w") as writer:

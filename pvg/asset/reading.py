@@ -331,8 +331,10 @@ def open_asset(
 def check_vectorized(*videos: object) -> None:
     """Raise `ValueError` for the path of a clip, picture or asset in the place of what was made or opened of it."""
     for video in videos:
-        if isinstance(video, (str, Path)):
-            raise ValueError(f"{str(video)!r} is a path: give what pvg.vectorize or pvg.open_asset returns for it")
+        if isinstance(video, (str, os.PathLike)):
+            raise ValueError(
+                f"{os.fspath(video)!r} is a path: give what pvg.vectorize or pvg.open_asset returns for it"
+            )
 
 
 def faces_by_index(video: VectorVideo, faces: str | Sequence[int], *, what: str = "clip") -> tuple[int, ...]:

@@ -265,7 +265,7 @@ def swap(
 
         pvg.swap(video, paths="swapped.mp4", faces=(0, 1), contrast=(0.8, 1.2))
     """
-    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    given = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
     if len(given) != (1 if b is None else 2):
         raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(given)}")
     check_vectorized(a, b)

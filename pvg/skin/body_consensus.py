@@ -71,10 +71,10 @@ def _consensus_of(window: Sequence[_BodyInTime]) -> Bytes:
         box = _within(box, _changed(own.alpha[box], [frame.alpha[box] for frame, _ in seen]))
         if not own.alpha[box].size:
             return own.alpha
-    places = [None if way is None else cells_along(way, own.alpha.shape, box) for _, way in seen]
+    places = [None if way is None else _cut(cells_along(way, own.alpha.shape), box) for _, way in seen]
     mattes = [_at(frame.alpha, own.alpha[box], place) for (frame, _), place in zip(seen, places, strict=True)]
     part = _changed(own.alpha[box], mattes)
-    box, places = _within(box, part), [None if place is None else (place[0][part], place[1][part]) for place in places]
+    box, places = _within(box, part), [None if place is None else _cut(place, part) for place in places]
     alpha, shown = own.alpha[box], own.scene.rgb[box]
     if not alpha.size:
         return own.alpha
@@ -101,6 +101,12 @@ def _where_alike(matte: Bytes, picture: Bytes, own: Bytes, shown: Bytes) -> Byte
     """
     other = passes(most_off(picture, shown), _CONSENSUS.body_part)
     return np.rint(matte + other * (own.astype(np.float32) - matte)).astype(np.uint8)
+
+
+def _cut(places: Maps, box: Box) -> Maps:
+    """Places (h, w) in a box of them."""
+    x, y = places
+    return x[box], y[box]
 
 
 def _within(box: Box, part: Box) -> Box:

@@ -107,10 +107,10 @@ class MatteConsensus:
 def _consensus_of(window: Sequence[MatteInTime]) -> Matte:
     """The matte in the middle of five."""
     own = window[REACH]
-    alpha = held_to(own.alpha, median_of_five(*(frame.alpha for frame in window)), _CONSENSUS.around)
+    alpha = held_to(own.alpha, _median(*(frame.alpha for frame in window)), _CONSENSUS.around)
     if (alpha == own.alpha).all():
         return own.matte(own.alpha, own.mask)
-    strange = most_off(own.rgb, median_of_five(*(frame.rgb for frame in window)))
+    strange = most_off(own.rgb, _median(*(frame.rgb for frame in window)))
     of_other_hue = np.asarray(own.occluder * ramp(strange.astype(np.float32), *_CONSENSUS.colored), np.float32)
     weight = np.maximum(passes(strange, _CONSENSUS.part), of_other_hue)
     mixed = alpha + weight * (own.alpha.astype(np.float32) - alpha)
@@ -143,7 +143,7 @@ def most_off(picture: Bytes, other: Bytes) -> Bytes:
     return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
 
 
-def median_of_five(a: Bytes, b: Bytes, c: Bytes, d: Bytes, e: Bytes) -> Bytes:
+def _median(a: Bytes, b: Bytes, c: Bytes, d: Bytes, e: Bytes) -> Bytes:
     """The median of five arrays of one shape, element by element."""
     low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
     return np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))

@@ -112,14 +112,10 @@ class Scene:
         return ramp(person, *_BODY.any_person)
 
 
-def cells_along(flow: Floats, shape: tuple[int, int], box: tuple[slice, slice] | None = None) -> Maps:
-    """Maps x, y of where the cells (h, w) in shape are along a flow (h', w', 2) of blocks of them, in blocks.
-
-    box: rows and columns of those that are asked for, all when None.
-    """
+def cells_along(flow: Floats, shape: tuple[int, int]) -> Maps:
+    """Maps x, y (h, w) of where cells are along a flow (h', w', 2) of blocks of them, in blocks."""
     h, w = shape
-    x, y = places_before(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS))
-    return (x, y) if box is None else (x[box], y[box])
+    return places_before(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS))
 
 
 def _changed(before: Bytes, grey: Bytes, flow: Floats) -> bool:

@@ -347,6 +347,24 @@ def test_a_clip_is_not_swapped_with_itself(video: pvg.VectorVideo, group: pvg.Ve
     assert list(tmp_path.iterdir()) == []
 
 
+class LikeAPath:
+    """What stands for a path without being one, as entries of folders do."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __fspath__(self) -> str:
+        return str(self._path)
+
+
+def test_a_path_may_be_anything_that_stands_for_one(group: pvg.VectorVideo, tmp_path: Path) -> None:
+    out = tmp_path / "out.png"
+    pvg.swap(group, paths=LikeAPath(out), faces=(0, 1))  # type: ignore[arg-type]
+    assert out.is_file()
+    with pytest.raises(ValueError, match="is a path: give what"):
+        pvg.transfer(LikeAPath(out), group)  # type: ignore[arg-type]
+
+
 def test_swap_gives_each_the_others_colours(video: pvg.VectorVideo, samples: Samples, tmp_path: Path) -> None:
     with pvg.vectorize(samples.dark_portrait) as image:
         pvg.swap(video, image, [tmp_path / "a.mp4", tmp_path / "b.png"], crf=10, memory_bytes=10**9)
