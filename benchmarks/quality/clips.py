@@ -279,6 +279,7 @@ class _Colors:
                         "frame": frame.index,
                         "reference": portrait.name,
                         "reference_ita": portrait.ita,
+                        "reference_bearded": portrait.view.bearded,
                         "method": method.name,
                         "distance_before": away[portrait.name][0],
                         "delta_e_before": away[portrait.name][1],

@@ -87,8 +87,8 @@ def _ramp(key: str) -> Value:
     return value
 
 
-def _carried(name: str, reduce: Callable[[list[Any]], float], at_least: int = 1) -> Value:
-    """A number of all pairs together, of so many references at least.
+def _carried(name: str, reduce: Callable[[list[Any]], float], at_least: int = 1, *, shaven: bool = False) -> Value:
+    """A number of all pairs together, of so many references at least; shaven: of those without a beard.
 
     Light and parts are asked of full strength, where the library has that.
     """
@@ -96,6 +96,8 @@ def _carried(name: str, reduce: Callable[[list[Any]], float], at_least: int = 1)
     def value(results: Results, method: str) -> float | None:
         wanted = FULL if method == HEADLINE and name in FULL_MEASURES and color_rows(results, FULL) else method
         of_method = [row for row in color_rows(results, wanted) if name in row]
+        if shaven:
+            of_method = [row for row in of_method if not row["reference_bearded"]]
         if not of_method or len({row["reference"] for row in of_method}) < at_least:
             return None
         found = reduce([row[name] for row in of_method])
@@ -187,6 +189,7 @@ MEASURES = (
     ),
     Measure("spread of hue and chroma, slope", _line("hues", 0), 2),
     Measure("parts: lips carried, %", _carried("lips", share_carried), 0, 60.0, at_least=True),
+    Measure("lips carried, of references without a beard, %", _carried("lips", share_carried, shaven=True), 0),
     Measure("parts: lids carried, %", _carried("lids", share_carried), 0, 50.0, at_least=True),
     Measure("parts: blush carried, %", _carried("blush", share_carried), 0, 40.0, at_least=True),
     Measure("leak around the lips, change over that of open skin, median", _carried("leak", _middle), 2, 1.0),

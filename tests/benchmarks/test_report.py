@@ -24,6 +24,7 @@ def color(method: str, reference: str, lips: list[float]) -> dict[str, Any]:
     return {
         **{"clip": "clip", "frame": 0, "reference": reference, "reference_ita": 20.0, "method": method},
         **{"distance_before": 20.0, "distance": 5.0, "delta_e_before": 15.0, "delta_e": 1.0, "lips": lips},
+        "reference_bearded": reference == "bearded",
         "tones": [20.0, 25.0, 30.0 if reference == "pale" else 20.0],
     }
 
@@ -85,6 +86,13 @@ def test_parts_are_asked_of_full_strength_where_there_is_such_an_option() -> Non
     assert value("parts: lips", results(full=False), OURS[0]) == pytest.approx(10)
     assert value("parts: lips", results(full=True), OURS[0]) == pytest.approx(70)
     assert value("parts: lips", results(full=True), PAPER) == pytest.approx(10)
+
+
+def test_lips_in_the_shade_of_a_beard_are_counted_apart() -> None:
+    found = results(full=False)
+    found["clips"][0]["colors"] += [color(OURS[0], "bearded", [-1.0, 10.0])]
+    assert value("parts: lips", found, OURS[0]) == pytest.approx(100 / 30)
+    assert value("lips carried, of references without a beard", found, OURS[0]) == pytest.approx(10)
 
 
 def test_the_report_says_what_is_met_and_what_is_missed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
