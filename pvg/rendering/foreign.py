@@ -8,8 +8,9 @@ With m(Y) the chroma that is usual for the skin at a luma, M that of its middle,
 
 is below 1.6 on skin, crimson ears, blush and the shade of a sky too, and above 2 on letters in plain colours. Between
 both the matte fades. Light of another colour moves skin as far, but not by a step: c must be as far, too, from what
-the skin nearby has beyond m, by the larger of both chromas, and where there is no skin nearby nothing is told. Grey has
-a d of about 1 and is left to `tinge`, lips may be painted in any red, and along the matte's edge, where skin mixes with
+the skin nearby has beyond m, by the larger of both chromas, and where there is no skin nearby nothing is told. Skin
+that is lit by two lamps differs more than one makes it differ, and what is none of it must be farther off. Grey has a
+d of about 1 and is left to `tinge`, lips may be painted in any red, and along the matte's edge, where skin mixes with
 what is beside it, `edges` and `foreground` tell what is skin.
 """
 
@@ -21,17 +22,19 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Floats
 from pvg.asset import FaceRecord
 from pvg.face import Landmarks, layout
 from pvg.looks import LookMap, SkinMap
 from pvg.raster import SUBPIXEL_BITS, fixed_point, square
+from pvg.rendering.coding import Coding
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.rgb_planes import opponent_matrix
 from pvg.video import Frame, PixelFormat
 
-# pixels, or of the face's width, from one pixel to the next that is looked at first: finer letters are not seen
-_SEEN_PX, _SEEN = 6.0, 1 / 96
+# pixels, or of the face's width, from one pixel to the next that is looked at first: a word has some of them
+_SEEN_PX, _SEEN = 4.0, 1 / 144
+_BESIDE_PX, _BESIDE = 6.0, 1 / 96  # likewise, from letters to what is no longer mixed with them [by eye]
 _EDGE_PX, _EDGE = 4.0, 0.012  # likewise: nearer to the matte's end nothing is told [by eye]
 _MATTE = np.float32(0.3)  # of alpha, from which on a pixel lies in the matte
 _HOLE = 0.03  # of the face's width: letters may leave holes in the matte
@@ -41,6 +44,9 @@ _LIPS = 0.04  # of the face's width around their outline that is theirs [by eye]
 # of d, in the mean from a part to what is beside it: with less there is no edge [measured: lamps 0.8 to 0.95, letters
 # 1.3 to 5]
 _STEP = 1.2
+# of d, that most of a face's own skin is off at most where it is lit by one lamp [measured: 0.3 in the median of 130
+# faces, 0.73 at most; 0.95 to 1.32 of four under two lamps]
+_ONE_LAMP = 0.75
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
@@ -55,12 +61,15 @@ def skin_of(record: FaceRecord, frame: int) -> Floats | None:
 
 
 def own_tables(skin: Floats, pixel_format: PixelFormat) -> MapTables:
-    """The tables of the map that leaves skin (n, 3) as it is, which know its colours.
+    """The tables of the map that leaves skin (n, 3) as it is, which know its colours and how far they are apart.
 
     The same for all looks, so that none is drawn otherwise for one beside it.
     """
     own = LookMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0, np.ones((1, 5), np.float32))
-    return MapTables.of(own, pixel_format)
+    tables = MapTables.of(own, pixel_format)
+    codes = (Coding(pixel_format).colors(skin) + tables.offset).T[:, :, None]
+    off = np.hypot(*tables.off_usual_in_d(np.ascontiguousarray(codes, np.float32)))
+    return replace(tables, farther=max(1.0, float(np.percentile(off, 95)) / _ONE_LAMP))
 
 
 def without_foreign(
@@ -75,11 +84,9 @@ def without_foreign(
         return alpha
     fine = max(2, 2 ** max(frame.format.chroma_log2))
     coarse = max(1, round(max(_SEEN_PX, _SEEN * landmarks.axes.width) / fine)) * fine
-    seen = _Window(frame, corner, alpha, tables, landmarks, coarse)
-    if not seen.may_be_foreign or not (places := seen.apart_by_a_step(around := seen.around())).any():
+    window = _Window(frame, corner, alpha, tables, landmarks, coarse)
+    if not window.may_be_foreign or not (found := replace(window, apart=fine).foreign()).any():
         return alpha  # as nearly always
-    found = replace(seen, apart=fine).foreign(around)
-    found *= cv2.resize(places, found.shape[::-1], interpolation=cv2.INTER_NEAREST)
     # letters are mixed with skin at their edges, and chroma is coded coarsely
     spread = cv2.dilate(found, _NEIGHBOURS)
     size = fine * spread.shape[1], fine * spread.shape[0]
@@ -107,44 +114,54 @@ class _Window:
         """Whether any colour in the matte, taken by itself, is none of the skin's."""
         return bool(self.tables.foreign(self._codes, self._in_matte).any())
 
-    def around(self) -> Floats:
-        """(3, r, c) how far skin around each pixel is off its usual chroma, and whether there is any."""
-        mixed = np.asarray(cv2.dilate(self.tables.foreign(self._codes, self._inside), _NEIGHBOURS))
-        skin = self._inside & ~self._lips & (mixed == 0)
-        off = np.where(skin, self.tables.off_usual(self._codes), np.float32(0.0))
-        sigma = max(1.0, _AROUND * self._width / self.apart)
-        mass, *sums = (cv2.GaussianBlur(one, (0, 0), sigma) for one in (skin.astype(np.float32), *off))
-        return np.stack([*(one / np.maximum(mass, _LEAST) for one in sums), mass > _LEAST]).astype(np.float32)
+    def foreign(self) -> Floats:
+        """(r, c) in [0, 1], how far pixels are no skin up to an edge, 0 near the matte's end and beyond."""
+        blue, red, known = self._around()
+        inside = self._inside & (known > 0.5)
+        found = self.tables.foreign(self._codes, inside, self._lips, np.stack([blue, red]))
+        return found * self._apart_by_a_step(found, inside) if found.any() else found
 
-    def apart_by_a_step(self, around: Floats) -> Bytes:
-        """(r, c) 1 on and beside the parts that are foreign up to an edge, 0 elsewhere.
+    def _around(self) -> Floats:
+        """(3, r, c) how far skin around each pixel is off its usual chroma, and from 0 to 1 whether there is any."""
+        mixed = cv2.dilate(self.tables.foreign(self._codes, self._inside), square(self._beside))
+        skin = np.asarray(self._inside & ~self._lips & (mixed == 0), np.float32)
+        rows, columns = skin.shape
+        size = -(-columns // self._beside), -(-rows // self._beside)
+        few = [
+            cv2.resize(one, size, interpolation=cv2.INTER_AREA)
+            for one in (skin, *(skin * self.tables.off_usual(self._codes)))
+        ]
+        sigma = max(1.0, _AROUND * self._width / (self._beside * self.apart))
+        mass, *sums = (cv2.GaussianBlur(one, (0, 0), sigma) for one in few)
+        around = (*(one / np.maximum(mass, _LEAST) for one in sums), (mass > _LEAST).astype(np.float32))
+        return np.stack([cv2.resize(one, (columns, rows), interpolation=cv2.INTER_LINEAR) for one in around])
 
-        What goes over into other colours is skin in the light of a lamp.  around: see `around`.
+    def _apart_by_a_step(self, found: Floats, known: Bools) -> Bools:
+        """(r, c) whether what is `found` to be foreign is of a part that ends at an edge.
+
+        What goes over into other colours is skin in the light of a lamp.  known: (r, c) where steps can be told.
         """
-        found = (self.foreign(around) > 0).view(np.uint8)
-        count, labels = cv2.connectedComponents(found, connectivity=8)
-        beside = cv2.dilate(labels.astype(np.float32), _NEIGHBOURS).astype(np.int32) * (found == 0)
-        ring = (beside > 0) & self._inside & ~self._lips & (around[2] > 0)
-        steps = self._steps_to(found.astype(np.float32))[ring]
+        part = (found > 0).view(np.uint8)
+        count, labels = cv2.connectedComponents(part, connectivity=8)
+        beside = cv2.dilate(labels.astype(np.float32), square(self._beside)).astype(np.int32) * (part == 0)
+        ring = (beside > 0) & known & ~self._lips
+        steps = self._steps_to(part.astype(np.float32))[ring]
         seen, step = (np.bincount(beside[ring], one, count) for one in (None, steps))
         kept = step >= _STEP * seen
         kept[0] = False
-        return np.asarray(cv2.dilate(kept[labels].view(np.uint8), _NEIGHBOURS), np.uint8)
+        return np.asarray(kept[labels], np.bool_)
 
     def _steps_to(self, part: Floats) -> Floats:
-        """(r, c) how far each pixel is off the mean of those of a part (r, c) beside it, as d is measured."""
+        """(r, c) how far each pixel is off the mean of those of a part (r, c) that lie near, as d is measured."""
         off = self.tables.off_usual_in_d(self._codes)
-        mass, *sums = (cv2.blur(one, (3, 3)) for one in (part, *(part * off)))
-        return np.asarray(np.hypot(*(off - np.stack(sums) / np.maximum(mass, _LEAST))), np.float32)
+        side = 2 * self._beside + 1
+        mass, *sums = (cv2.blur(one, (side, side)) for one in (part, *(part * off)))
+        return np.asarray(np.hypot(*(off - np.stack(sums) / np.maximum(mass, np.float32(1e-6)))), np.float32)
 
-    def foreign(self, around: Floats) -> Floats:
-        """(r, c) in [0, 1], how far pixels are no skin, 0 near the matte's end and beyond.
-
-        around: as a window over the same pixels tells it, this one or one that looks at fewer.
-        """
-        size = self._inside.shape[1], self._inside.shape[0]
-        blue, red, known = (cv2.resize(one, size, interpolation=cv2.INTER_LINEAR) for one in around)
-        return self.tables.foreign(self._codes, self._inside & (known > 0.5), self._lips, np.stack([blue, red]))
+    @property
+    def _beside(self) -> int:
+        """How many of the pixels that are looked at lie between a letter and what is not mixed with it."""
+        return max(1, round(max(_BESIDE_PX, _BESIDE * self._width) / self.apart))
 
     @property
     def _width(self) -> float:

@@ -44,7 +44,8 @@ class MapTables:
     levels: (n,) the SDR-referred luma, haze off, that a code stands for, 0-255;
     bound: (n,) w of `bounded` by luma's code;
     beard: in [0, 1], see `LookMap`;  middle: the skin's middle luma, as `levels`;
-    spread, broad: k of single pixels and of patches, see `SkinMap`, strength and exposure applied.
+    spread, broad: k of single pixels and of patches, see `SkinMap`, strength and exposure applied;
+    farther: of d of `foreign`, from 1: how much farther off a colour must be that is none of the skin's.
     """
 
     tone: Floats
@@ -60,6 +61,7 @@ class MapTables:
     middle: float
     spread: float
     broad: float
+    farther: float = 1.0
 
     @classmethod
     def of(
@@ -136,7 +138,8 @@ class MapTables:
         where: (r, c), elsewhere it is 0;  lips: (r, c), where what is redder than skin is none the less skin;
         around: (2, r, c) how far skin nearby is off the usual chroma, not at all when None.
         """
-        return self._off_skin(codes, where, lips, around, _FOREIGN)
+        low, high = (self.farther * bound for bound in _FOREIGN)
+        return self._off_skin(codes, where, lips, around, (low, high))
 
     def foreign_at_curves(self, g: Floats) -> Floats:
         """The same (n,) of boundary colours g (n, 3), black aside, in the order of their curves.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ from pvg.looks.exposure import at_exposure
 from pvg.rendering import Renderer, source_frame
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves
-from pvg.rendering.foreign import skin_of, without_foreign
+from pvg.rendering.foreign import own_tables, skin_of, without_foreign
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace
 from pvg.video import RGB24, RGB48, Frame, PixelFormat
@@ -85,6 +86,36 @@ def test_letters_are_taken_out_of_the_matte_and_nothing_else(placed: PlacedFace,
     np.testing.assert_array_equal(beside, 1)
     plain = frame_of(np.tile(SKIN, (360, 640, 1)), pixel_format)
     assert without_foreign(plain, corner, placed.alpha, _tables(pixel_format), marks) is placed.alpha
+
+
+@pytest.mark.parametrize("pixel_format", [*FORMATS, RGB24], ids=lambda f: f.name)
+@pytest.mark.parametrize("stroke", [2, 3])
+def test_thin_letters_do_not_blink_while_the_face_moves_under_them(
+    placed: PlacedFace, pixel_format: PixelFormat, stroke: int
+) -> None:
+    """Wherever a frame's window begins, the same is told of a caption that stays in its place."""
+    word, (x, y) = np.zeros((360, 640), np.uint8), placed.data.landmarks.axes.center.astype(int)
+    cv2.putText(word, "HOLD", (x - 60, y - 50), cv2.FONT_HERSHEY_SIMPLEX, 0.8, 255, stroke, cv2.LINE_8)
+    picture = np.where(word[..., None] > 0, np.array(YELLOW), SKIN)
+    frame, marks, tables = frame_of(picture, pixel_format), placed.data.landmarks, _tables(pixel_format)
+    left = []
+    for shift in np.arange(0, 16, 2 ** max(pixel_format.chroma_log2)):
+        alpha = placed.alpha[:, shift:]
+        part = word[placed.y :, placed.x + shift :][: alpha.shape[0], : alpha.shape[1]]
+        corner = int(placed.x + shift), placed.y
+        left.append(without_foreign(frame, corner, alpha, tables, marks)[part > 0].mean())
+    assert max(left) < 0.5
+    assert np.ptp(left) < 0.05
+
+
+def test_in_the_light_of_two_lamps_colours_must_be_farther_off(placed: PlacedFace) -> None:
+    light = np.random.default_rng(0).uniform(0.7, 1.2, (300, 1))
+    warm, blue = (np.asarray(SKIN * lamp * light, np.float32) for lamp in ((1.1, 1.0, 0.9), (0.5, 0.8, 1.6)))
+    one, two = (own_tables(skin, RGB24) for skin in (warm, np.concatenate([warm, blue])))
+    assert one.farther == 1.0
+    assert two.farther > 1.3
+    codes = (Coding(RGB24).colors(np.concatenate([warm, blue])) + two.offset).T[:, :, None]
+    assert not two.foreign(np.ascontiguousarray(codes), np.ones(codes.shape[1:], np.bool_)).any()
 
 
 def test_along_the_end_of_the_matte_nothing_is_told(placed: PlacedFace) -> None:
