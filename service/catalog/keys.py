@@ -178,7 +178,11 @@ def adopt(session: Session, key: Key, *, owner: str = NOBODY) -> tuple[int, int]
     changed(session, update(Delivery).where(Delivery.owner == owner, with_jobs).values(owner=key.id))
     made = (Result.owner == owner, Result.video_id.not_in(stay), Result.reference_id.not_in(stay))
     changed(session, update(Result).where(*made).values(owner=key.id))
-    changed(session, update(ResumableUpload).where(ResumableUpload.owner == owner).values(owner=key.id))
+    uploads = (
+        ResumableUpload.owner == owner,
+        ResumableUpload.media_id.is_(None) | ResumableUpload.media_id.not_in(stay),
+    )
+    changed(session, update(ResumableUpload).where(*uploads).values(owner=key.id))
     changed(session, delete(IdempotentRequest).where(IdempotentRequest.owner == owner))
     left = select(func.count()).select_from(Media).where(Media.owner == owner)
     return given, session.scalar(left) or 0

@@ -7,6 +7,7 @@ from sqlalchemy import func, select
 from service.catalog import (
     DEFAULT_VECTOR_SETTINGS,
     Database,
+    ResumableUpload,
     Role,
     UploadPart,
     keys,
@@ -140,6 +141,23 @@ def test_what_is_arriving_counts_with_its_whole_length_until_it_is_a_medium(data
         keys.adopt(session, key)
     with database.read() as session:
         assert resumable.get(session, before, owner=key.id, now=database.now()) is not None
+
+
+def test_an_upload_stays_with_the_medium_that_it_has_become(database: Database) -> None:
+    with database.write() as session:
+        key, _ = keys.create(session, "studio", keys.Limits(), now=database.now())
+    add_media(database, content=b"same", owner=key.id)
+    stays, goes = add_media(database, content=b"same"), add_media(database, content=b"other")
+    of = {medium.id: begin(database) for medium in (stays, goes)}
+    with database.write() as session:
+        for media_id, upload in of.items():
+            found = session.get_one(ResumableUpload, upload)
+            resumable.close(session, found, media_id=media_id, size_bytes=300, now=database.now())
+    with database.write() as session:
+        assert keys.adopt(session, key) == (1, 1)
+    with database.read() as session:
+        owners = [session.get_one(ResumableUpload, of[medium.id]).owner for medium in (stays, goes)]
+    assert owners == ["", key.id]
 
 
 def test_many_blobs_are_buried_at_once_those_that_are_known_too(database: Database, clock: FakeClock) -> None:
