@@ -10,11 +10,11 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from service.catalog import Key, keys, utc_now
+from service.catalog import Key, keys
 from service.catalog.belongings import Belongings
 from service.catalog.keys import Limits
 from service.catalog.migrations import has_table, migrate
-from service.command_line import CANNOT_START, current_settings, read_settings, refuse, with_records
+from service.command_line import CANNOT_START, current_settings, open_records, read_settings, refuse, with_records
 from service.erasure import open_erasure
 from service.queue import make_folders
 from service.settings import DAY_S, MAX_BYTES
@@ -53,7 +53,8 @@ def create_key(
     migrate(settings.database)
     limits = Limits(rate, active_jobs, stored_bytes)
     try:
-        _, text = with_records(settings, lambda session: keys.create(session, name, limits, now=utc_now()))
+        with open_records(settings) as database, database.write() as session:
+            _, text = keys.create(session, name, limits, now=database.now())
     except IntegrityError:
         refuse(f"there is a key called {name}; `pvg-service keys rotate` gives it another secret")
     # on a machine where the service runs with other settings, this is how one sees that the key is none of its own
@@ -78,10 +79,9 @@ def list_keys() -> None:
 
     Columns have tabs between them; the last one is there only while a former secret is good.
     """
-    now = utc_now()
-
-    def lines(session: Session) -> list[str]:
-        return [
+    with open_records(current_settings()) as database, database.read() as session:
+        now = database.now()
+        lines = [
             "\t".join(
                 (
                     *(
@@ -98,15 +98,16 @@ def list_keys() -> None:
             )
             for key in keys.every(session)
         ]
-
-    for line in with_records(current_settings(), lines, write=False):
+    for line in lines:
         typer.echo(line)
 
 
 @key_commands.command("revoke")
 def revoke_key(name: KeyName) -> None:
     """End a key for good. What it owns stays until it expires, or until `assign` or `erase`."""
-    if not with_records(current_settings(), lambda session: keys.revoke(session, _key(session, name), now=utc_now())):
+    with open_records(current_settings()) as database, database.write() as session:
+        revoked = keys.revoke(session, _key(session, name), now=database.now())
+    if not revoked:
         typer.echo(f"{name} was revoked before", err=True)
 
 
@@ -121,10 +122,10 @@ def rotate_key(
 
     The former one stops working, at once or after the overlap.
     """
-    until = utc_now() + timedelta(seconds=overlap_s) if overlap_s else None
-    typer.echo(
-        with_records(current_settings(), lambda session: keys.rotate(_active_key(session, name), former_until=until))
-    )
+    with open_records(current_settings()) as database, database.write() as session:
+        until = database.now() + timedelta(seconds=overlap_s) if overlap_s else None
+        text = keys.rotate(_active_key(session, name), former_until=until)
+    typer.echo(text)
 
 
 @key_commands.command("limit")

@@ -7,7 +7,8 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -78,6 +79,29 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
         for name, value in environment.items():
             patch.setenv(name, value)
         assert _have_keys(Settings())  # a revoked one keeps the service closed: it may listen anywhere
+
+
+def test_keys_go_by_the_clock_of_the_database(
+    postgres_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command may run on any machine: by its own clock a former secret would have ended, or be good for too long."""
+    behind = utc_now() - timedelta(hours=2)
+    monkeypatch.setattr("service.key_commands.utc_now", lambda: behind, raising=False)
+    with fresh_database(postgres_url) as url:
+        environment = {"PVG_DATA_DIR": str(tmp_path / "data"), "PVG_DATABASE_URL": url}
+
+        def run(*arguments: str) -> str:
+            result = CliRunner().invoke(cli, ["keys", *arguments], env=environment)
+            assert result.exit_code == 0, result.output
+            return result.output
+
+        former = run("create", "studio").splitlines()[-1]
+        run("rotate", "studio", "--overlap-s", "3600")
+        assert "former secret until" in run("list")
+        with closing(Database(url)) as database, database.read() as session:
+            found = keys.find(session, former, now=database.now())
+        assert found is not None
+        assert found.created_at > behind + timedelta(hours=1)
 
 
 def test_files_of_another_database_go_only_once_they_are_adopted_and_though_they_are_most(tmp_path: Path) -> None:
