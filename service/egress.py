@@ -210,10 +210,10 @@ class Egress:
                         target, silence_s = self.check(url), self._settings.body_timeout_s
                         asking = self._sent("GET", target, owner, head_s=_HEAD_S, silence_s=silence_s)
                         response = await asked.enter_async_context(asking)
-                    if response.status_code not in _REDIRECTS:
+                    place = response.headers.get("location")
+                    if response.status_code not in _REDIRECTS or place is None:  # without a place it leads nowhere
                         await held.enter_async_context(asked.pop_all())
                         return self._file(target, response)
-                    place = response.headers.get("location", "")
                 url = str(target.join(place))
         except (httpx.InvalidURL, UnicodeError) as error:
             raise UrlNotAllowedError("the address leads to what is not a URL") from error

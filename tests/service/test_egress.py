@@ -329,6 +329,7 @@ def test_an_answer_may_have_some_interim_ones_before_it_and_small_chunks(egress:
         (answer(b"", "404 Not Found"), "status 404"),
         (answer(b"abc", Content_Encoding="gzip"), "compressed"),
         (answer(b"", "302 Found", Location="/"), f"more than {MAX_REDIRECTS}"),
+        (answer(b"", "302 Found"), "answers with status 302"),
         (lambda connection: connection.sendall(b"SSH-2.0-OpenSSH\r\n"), "as HTTP has it"),
         (lambda connection: connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\nabc"), "breaks off"),
     ],
