@@ -86,18 +86,17 @@ class Blobs:
 
     def discard(self, keys: Collection[str]) -> None:
         """Delete blobs that were put and will not be recorded. Never fails: their tombstones are there already."""
-        if self.bury(keys):
-            self.delete(keys)
-
-    def bury(self, keys: Collection[str]) -> bool:
-        """The first half of `discard`: they are due from now on. Never fails; False when they are due later."""
         try:
-            with self._database.write(frees=True) as session:
-                tombstones.bury(session, keys, now=self._database.now())
+            self.bury(keys)
         except Exception as error:
             log.warning("blobs are deleted later", count=len(keys), error=type(error).__name__)
-            return False
-        return True
+        else:
+            self.delete(keys)
+
+    def bury(self, keys: Collection[str]) -> None:
+        """The first half of `discard`: they are due from now on. Where it fails, they are due later."""
+        with self._database.write(frees=True) as session:
+            tombstones.bury(session, keys, now=self._database.now())
 
     def delete(self, keys: Collection[str]) -> None:
         """Delete blobs whose tombstones are written, now if the store answers in time, else later.

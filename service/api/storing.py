@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
+
+import structlog
 
 from service.api.services import Services
 from service.catalog import tombstones
 from service.errors import UnavailableError
 from service.outages import is_locked, is_outage
 
+log = structlog.get_logger(__name__)
+
 T = TypeVar("T")
+
+#: seconds after which a request that has waited for others who write already leaves a deletion to the reaper
+_SOON_S: Final = 0.5
 
 
 async def store(services: Services, path: Path, key: str, record: Callable[[], tuple[T, bool]]) -> T:
@@ -30,7 +37,7 @@ async def store(services: Services, path: Path, key: str, record: Callable[[], t
     except Exception as error:
         # of a commit whose answer is lost it is not known whether the file has a record: its tombstone knows
         if not is_outage(error) or is_locked(error):
-            await _discard(services, key)
+            await _discard(services, key, within_s=_SOON_S if is_locked(error) else None)
         if isinstance(error, tombstones.LateError):
             raise UnavailableError("the file took too long to be stored; send it again") from error
         raise
@@ -39,11 +46,18 @@ async def store(services: Services, path: Path, key: str, record: Callable[[], t
     return answer
 
 
-async def _discard(services: Services, key: str) -> None:
-    """Delete a blob that has no record, now or by the reaper. Never fails: its tombstone is there already."""
-    with suppress(UnavailableError):
-        if await services.calls.write(services.blobs.bury, [key]):
-            await services.calls.remove(services.blobs.delete, [key])
+async def _discard(services: Services, key: str, *, within_s: float | None = None) -> None:
+    """Delete a blob that has no record, now or by the reaper. Never fails: its tombstone is there already.
+
+    ``within_s`` bounds how long others who write are waited for.
+    """
+    try:
+        async with asyncio.timeout(within_s):
+            await services.calls.write(services.blobs.bury, [key])
+    except Exception as error:
+        log.warning("a blob is deleted later", error=type(error).__name__)
+    else:
+        await services.calls.remove(services.blobs.delete, [key])
 
 
 def _put(services: Services, path: Path, key: str) -> None:

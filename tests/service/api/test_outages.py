@@ -18,6 +18,7 @@ from sqlalchemy.exc import OperationalError
 
 from service.api import calls
 from service.api.calls import Calls
+from service.api.commands.registering import Registered, _Arrival
 from service.catalog import keys
 from service.settings import Settings
 from tests.service.api.test_media import upload
@@ -187,6 +188,31 @@ def test_a_lock_that_is_never_given_back_is_503(api: Api, monkeypatch: pytest.Mo
     assert api.blobs == []
     other.rollback()
     other.close()
+
+
+@pytest.mark.embedded
+def test_a_file_that_another_request_has_brought_goes_at_once_though_others_write(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second copy of somebody's face stayed for a quarter of an hour, also after the video was deleted."""
+    path = api.services.settings.folder / "catalog.sqlite3"
+    other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    create = _Arrival._create
+    tries: list[str] = []
+
+    def loses_once(arrival: _Arrival, media_id: str, key: str) -> Registered | None:
+        tries.append(key)
+        if len(tries) > 1:
+            return create(arrival, media_id, key)
+        other.execute("BEGIN IMMEDIATE")
+        threading.Timer(1, other.rollback).start()
+        return None
+
+    monkeypatch.setattr(_Arrival, "_create", loses_once)
+    upload(api, "/videos")
+    other.close()
+    assert len(tries) == 2
+    assert len(api.blobs) == 1
 
 
 def test_while_the_object_store_is_away_records_are_still_read(api: Api, settings: Settings) -> None:
