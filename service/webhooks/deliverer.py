@@ -162,7 +162,9 @@ class Deliverer:
             if chosen:
                 with self._database.write() as session:
                     now = self._database.now()
-                    tried = [webhooks.claim(session, one.delivery_id, now=now, lease_s=lease_s) for one in chosen]
+                    # who makes an owner's first secret is waited for: in one order, so that no two wait for each other
+                    in_order = sorted(chosen, key=lambda one: one.owner)
+                    tried = [webhooks.claim(session, one.delivery_id, now=now, lease_s=lease_s) for one in in_order]
                 claimed = {attempt.delivery.id: attempt for attempt in tried if attempt is not None}
         finally:
             for one in chosen:

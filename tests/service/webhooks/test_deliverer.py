@@ -7,14 +7,16 @@ import logging
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import select, update
 
-from service.catalog import Database, Delivery, leases, webhooks
+from service.catalog import Database, Delivery, Job, leases, webhooks
 from service.catalog.transitions import Step
+from service.catalog.webhooks import Attempt, Due
 from service.egress import _RESOLVERS, Egress
 from service.errors import stored_problem
 from service.settings import Settings
@@ -23,6 +25,7 @@ from tests.service.catalog.test_webhooks import announce, deliveries, ended_job,
 from tests.service.fixtures import FakeClock
 from tests.service.receivers import Receiver
 from tests.service.servers import free_port
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 DAY_S = 86_400
@@ -59,6 +62,35 @@ def secret_of(database: Database) -> str:
 def only(database: Database) -> Delivery:
     (one,) = deliveries(database)
     return one
+
+
+def test_two_who_make_the_first_secrets_of_owners_do_not_wait_for_each_other(
+    deliverer: Deliverer, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each had made the one that the other wanted next: a deadlock on PostgreSQL, with more than one API."""
+    due = []
+    for owner in ("key_a", "key_b"):
+        ended_job(database, "https://a.example/1", "https://b.example/1")
+        due.append([Due(one.id, owner, one.origin) for one in deliveries(database)])
+        with database.write() as session:
+            for table in (Job, Delivery):
+                session.execute(update(table).where(table.owner == "").values(owner=owner))
+    (first_a, second_a), (first_b, second_b) = due
+    claim, both, begun = webhooks.claim, threading.Barrier(2), threading.local()
+
+    def claims(*arguments: Any, **options: Any) -> Attempt | None:
+        if hasattr(begun, "one"):  # the other one has begun too, unless it waits
+            with suppress(threading.BrokenBarrierError):
+                both.wait(1)
+        begun.one = True
+        return claim(*arguments, **options)
+
+    monkeypatch.setattr(webhooks, "claim", claims)
+    first, second = [first_a, first_b], [second_b, second_a]
+    claimed = at_once([lambda: deliverer._claim(first), lambda: deliverer._claim(second)])
+    assert [{one.delivery.id for one in each} for each in claimed] == [
+        {one.delivery_id for one in each} for each in (first, second)
+    ]
 
 
 def test_a_receiver_learns_of_a_job_and_can_trust_what_it_learns(
