@@ -188,7 +188,8 @@ class Following:
         out = []
         for course in ended:
             if not course.deferred:
-                out += self._settle(course, course.track.last + 1)
+                # frames without the face may be settled when a cut, told afterwards, ends it before them
+                out += self._settle(course, max(course.track.last + 1, course.done))
             if course.deferred:
                 width = course.track.raw().width_px
                 if width < self._min_face_px:  # nobody follows it: a crowd's faces would fill the memory
@@ -197,8 +198,11 @@ class Following:
         return out
 
     def _settle(self, course: _Course, stop: int) -> list[Stretch]:
-        """Make the landmarks of the frames up to `stop` final, if the track is one to follow."""
-        track, start, last = course.track, course.done, stop == course.track.last + 1
+        """Make the landmarks of the frames up to `stop` final, if the track is one to follow.
+
+        When it has ended that may be none: its last stretch is empty then.
+        """
+        track, start, last = course.track, course.done, stop > course.track.last
         window = smooth(track.raw(start - HISTORY))
         key = None
         if not course.begun:
@@ -218,6 +222,8 @@ class Following:
 
     def _visible(self, track: OpenTrack, start: int, stop: int) -> Floats:
         """(stop − start,) float32 in [0, 1], `fading.opacity` in the frames [start, stop) of a track."""
+        if start == stop:
+            return np.empty(0, np.float32)
         before, beyond = max(track.first, start - FADE_REACH - 1), min(track.last + 1, stop + FADE_REACH + 1)
         near = faded(
             track.shows(before, beyond),

@@ -32,7 +32,7 @@ class KeyView:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Some consecutive frames of one track, with the final landmarks.
+    """Some consecutive frames of one track, with the final landmarks; of one that has ended perhaps none.
 
     number: the track's, in the order they were found;  start: its first row here, counted from the track's first;
     rows: their landmarks;  pictures: of every row, the face's surroundings;

@@ -32,8 +32,14 @@ def blank(picture: Picture) -> Picture:
     return RgbPicture(np.full((height, width, 3), 90, np.uint8))
 
 
-def follow(frames: Iterable[tuple[int, Picture]], min_face_px: float = 64) -> tuple[list[Stretch], Following]:
-    following = Following(min_face_px=min_face_px, frame_rate=25)
+def blurred(picture: Picture) -> Picture:
+    return RgbPicture(cv2.blur(picture.rgb(), (151, 151)))
+
+
+def follow(
+    frames: Iterable[tuple[int, Picture]], min_face_px: float = 64, frame_rate: float = 25
+) -> tuple[list[Stretch], Following]:
+    following = Following(min_face_px=min_face_px, frame_rate=frame_rate)
     settled, stretches = 0, []
     for advance in following.advances(frames):
         assert advance.settled >= settled
@@ -119,22 +125,30 @@ def test_visibility_is_that_of_the_whole_track(clip: Frames) -> None:
         np.testing.assert_allclose(visible, opacity(track, shots, following.frame_count))
 
 
-@pytest.mark.parametrize("before", [30, 75])
-def test_who_comes_with_a_slow_dissolve_has_rows_from_its_middle_on(
-    clip: Frames, samples: Samples, before: int
-) -> None:
-    """Though it is told when it has ended: their first colours are of a frame that shows hardly anybody else."""
+@pytest.fixture(scope="module")
+def another(clip: Frames, samples: Samples) -> np.ndarray:
+    """A picture of another person, whose face lies where that of the clip does."""
     pale = read_rgb(samples.pale_portrait)
     (own,) = track_faces(clip[:1]).tracks
     theirs = Landmarks.from_mesh(fit_surest(pale).points)
     to_clip = cv2.getAffineTransform(theirs.eyes_and_mouth, own.landmarks[0].eyes_and_mouth)
-    after = cv2.warpAffine(pale, to_clip, clip[0][1].size[::-1], borderMode=cv2.BORDER_REFLECT)
-    shares = np.clip((np.arange(120) - before + 1) / 20, 0, 1)
-    frames: Frames = [
-        (k, RgbPicture(cv2.addWeighted(picture.rgb(), 1 - share, after, share, 0)))
-        for (k, picture), share in zip(clip, shares, strict=True)
+    return cv2.warpAffine(pale, to_clip, clip[0][1].size[::-1], borderMode=cv2.BORDER_REFLECT)
+
+
+def dissolved(frames: Frames, into: np.ndarray, shares: np.ndarray) -> Frames:
+    return [
+        (k, RgbPicture(cv2.addWeighted(picture.rgb(), 1 - share, into, share, 0)))
+        for (k, picture), share in zip(frames, shares, strict=True)
     ]
-    stretches, following = follow(frames)
+
+
+@pytest.mark.parametrize("before", [30, 75])
+def test_who_comes_with_a_slow_dissolve_has_rows_from_its_middle_on(
+    clip: Frames, another: np.ndarray, before: int
+) -> None:
+    """Though it is told when it has ended: their first colours are of a frame that shows hardly anybody else."""
+    shares = np.clip((np.arange(120) - before + 1) / 20, 0, 1)
+    stretches, following = follow(dissolved(clip, another, shares))
     (cut,) = following.cuts
     assert abs(cut - before - 10) <= 4
     first, second = (joined([one for one in stretches if one.number == number]) for number in (0, 1))
@@ -142,6 +156,22 @@ def test_who_comes_with_a_slow_dissolve_has_rows_from_its_middle_on(
     assert all((one.visible == 1).all() for one in stretches)
     (key,) = (one.key for one in stretches if one.number == 1 and one.key is not None)
     assert shares[cut + key.row] >= 0.95
+
+
+@pytest.mark.parametrize("lost", [18, 26])
+def test_a_face_may_end_before_frames_that_were_settled_without_it(
+    clip: Frames, another: np.ndarray, lost: int
+) -> None:
+    """It was lost before the middle of a dissolve that is told when the frames after that are settled."""
+    frames = dissolved(clip[:112], another, np.clip((np.arange(112) - 59) / 40, 0, 1))
+    frames = [(k, blurred(picture)) if 80 - lost <= k < 80 else (k, picture) for k, picture in frames]
+    stretches, following = follow(frames, frame_rate=60)
+    (cut,) = following.cuts
+    own = [one for one in stretches if one.number == 0]
+    assert [one.last for one in own] == [False, False, True]
+    assert len(own[-1].pictures) == 0
+    track = joined(own)
+    assert np.flatnonzero(track.score)[-1] < track.last < cut
 
 
 def test_a_narrow_face_is_named_and_not_followed(clip: Frames) -> None:
