@@ -153,13 +153,16 @@ def _with_chroma_and_hue(lab: Doubles, chroma: float, hue: float) -> Doubles:
 
 
 def _moved(skin: Floats, lab: Doubles, goal: Doubles) -> Floats:
-    """Colours (n, 3) whose median is `lab` with chroma moved by what leads to `goal`, in proportion to luma."""
+    """Colours (n, 3) whose median is `lab` with chroma moved by what leads to `goal`, in proportion to luma.
+
+    Black has no chroma and gets none.
+    """
     before, after = (
         to_opponent(255.0 * cv2.cvtColor(one.astype(np.float32).reshape(1, 1, 3), cv2.COLOR_LAB2RGB)[0])[0]
         for one in (lab, goal)
     )
     opponent = to_opponent(skin)
-    opponent[:, 1:] += (after[1:] / after[0] - before[1:] / before[0]) * opponent[:, :1]
+    opponent[:, 1:] += (after[1:] / max(after[0], 1e-6) - before[1:] / max(before[0], 1e-6)) * opponent[:, :1]
     return np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
 
 

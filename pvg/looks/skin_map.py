@@ -137,7 +137,8 @@ class SkinMap:
         levels, middle = np.arange(256.0), self.own.middle
         bright = float(np.interp(middle, levels, self.tone))
         shifted = levels + (bright - middle) * np.minimum(1.0, levels / (shade * middle))
-        to_white = bright + (levels - middle) * (255.0 - bright) / (255.0 - middle)
+        # the middle of burnt-out skin may lie at white
+        to_white = bright + (levels - middle) * (255.0 - bright) / max(255.0 - middle, 1e-6)
         shifted = np.where(levels > middle, np.minimum(shifted, to_white), shifted)
         return np.asarray(np.where(levels < middle, np.maximum(shifted, self.tone), shifted))
 

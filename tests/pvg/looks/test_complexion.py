@@ -194,6 +194,13 @@ def test_hues_that_hardly_differ_are_held_alike(edge: float) -> None:
     assert np.linalg.norm(ends[0] - ends[1]) < 1.0
 
 
+@pytest.mark.parametrize("level", [0.0, 0.2])
+def test_black_skin_gets_no_chroma(level: float) -> None:
+    """Nor where the clip's has a yellow cast, which others are turned to."""
+    black, yellow = np.full((50, 3), level, np.float32), skin((60.0, 2.0, 30.0))
+    np.testing.assert_allclose(complexion(black, yellow, 1.0), black, atol=0.5)
+
+
 def test_black_and_white_stays() -> None:
     taken = complexion(skin(ASHEN, chroma=0.02), skin(TAN), 0.0)
     assert lightness_and_saturation(taken)[1] < 0.02

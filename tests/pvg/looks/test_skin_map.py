@@ -131,6 +131,16 @@ def test_skin_made_bright_ends_below_white_in_every_channel(seed: int) -> None:
     assert np.diff(change.tone).min() > -1e-9
 
 
+@pytest.mark.parametrize("level", [252.0, 253.0, 254.0])
+def test_of_burnt_out_skin_all_that_lies_beside_it_has_a_tone(level: float) -> None:
+    """Its middle may lie at white, above which there is nothing to lead there."""
+    burnt_out = np.full((300, 3), level, np.float32)
+    made = SkinMap.between(burnt_out, 0.5 * burnt_out.astype(float))
+    for tone in (made.beside, made.ears):
+        assert (np.diff(tone) >= 0).all()
+        assert np.interp(level, np.arange(256), tone) == pytest.approx(0.5 * level, abs=3)
+
+
 def test_skin_made_nearly_black_is_held_below_white_as_it_is() -> None:
     skin, black = skin_like(1), np.full((300, 3), 1.0)
     free, held = (SkinMap.between(skin, black, bounded=bounded).tone for bounded in (0.0, 1.0))
