@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pvg.skin.body import BodyTracker
-from pvg.skin.body_consensus import BodyConsensus
+from pvg.skin.body_consensus import BodyConsensus, BodyInTime
 from pvg.skin.consensus import MatteConsensus, MatteInTime
 from pvg.skin.learning import fit_skin_model
 from pvg.skin.matte import Matte
@@ -16,6 +16,7 @@ from pvg.skin.warmup import warm_up
 
 __all__ = [
     "BodyConsensus",
+    "BodyInTime",
     "BodyTracker",
     "MaskMethod",
     "Matte",

@@ -19,7 +19,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.skin.cleanup import occupied
-from pvg.skin.consensus import REACH, FramesAround, held_to, most_off, passes
+from pvg.skin.consensus import REACH, Consensus, held_to, most_off, passes
 from pvg.skin.in_time import Maps, in_levels, moved, places_before
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.scene import Scene, cells_along
@@ -32,34 +32,28 @@ Box = tuple[slice, slice]
 
 
 @dataclass(frozen=True, eq=False)
-class _BodyInTime:
-    """A body's matte alpha (h, w) uint8 in a scene."""
+class BodyInTime:
+    """A body's matte and what it was made from.
+
+    alpha: (h, w) uint8, over the scene's cells.
+    """
 
     alpha: Bytes
     scene: Scene
 
 
-_Seen = tuple[_BodyInTime, Floats | None]
+_Seen = tuple[BodyInTime, Floats | None]
 """A frame, and the way (h', w', 2) there from the middle one, in blocks of cells; None in itself."""
 
 
-class BodyConsensus:
-    """Brings the body's mattes of a track, in order, to what the frames around each of them agree on."""
+class BodyConsensus(Consensus[BodyInTime, Bytes]):
+    """Brings the mattes of a body, (h, w) uint8, to what the frames around each of them agree on."""
 
     def __init__(self) -> None:
-        self._frames = FramesAround[_BodyInTime]()
-
-    def add(self, scene: Scene, alpha: Bytes) -> Bytes | None:
-        """Take the next frame's matte (h, w) uint8; the one of REACH frames before it, None while there is none."""
-        around = self._frames.add(_BodyInTime(alpha, scene))
-        return None if around is None else _consensus_of(around)
-
-    def end(self) -> list[Bytes]:
-        """The mattes of the last frames, when no more come."""
-        return [_consensus_of(around) for around in self._frames.end()]
+        super().__init__(_consensus_of)
 
 
-def _consensus_of(window: Sequence[_BodyInTime]) -> Bytes:
+def _consensus_of(window: Sequence[BodyInTime]) -> Bytes:
     """The matte in the middle of five frames."""
     own = window[REACH]
     box = occupied(np.asarray(np.max([frame.alpha for frame in window], axis=0), np.uint8), _MARGIN)
@@ -144,7 +138,7 @@ def _moves(way: Floats, shape: tuple[int, ...], box: Box) -> bool:
     return bool(part.size) and float(np.abs(part).max()) * shape[0] >= way.shape[0]
 
 
-def _followed(frames: Sequence[_BodyInTime], sign: int) -> list[_Seen]:
+def _followed(frames: Sequence[BodyInTime], sign: int) -> list[_Seen]:
     """The frames after the first of these that the flow leads to from there, and the ways; the last of them goes on.
 
     sign: 1 towards earlier frames, along the flows; -1 towards later ones, against them. Flows are smooth, so that the

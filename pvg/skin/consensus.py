@@ -12,7 +12,7 @@ Cells lie in the face's box, which goes with the face, so that a cell sees nearl
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Generic, TypeVar
@@ -56,18 +56,24 @@ class MatteInTime:
         return np.asarray(cv2.dilate(self.visible.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8)
 
 
-T = TypeVar("T")
+Frame = TypeVar("Frame")
+Agreed = TypeVar("Agreed")
 
 
-class FramesAround(Generic[T]):
-    """Gives each frame of a track, in order, amid REACH to either side; its ends stand for what is beyond them."""
+class Consensus(Generic[Frame, Agreed]):
+    """Brings the frames of a track, in order, to what those around each agree on, REACH to either side.
 
-    def __init__(self) -> None:
-        self._window: deque[T] = deque(maxlen=2 * REACH + 1)
+    The first and the last frame stand for what is beyond them.
+    """
+
+    def __init__(self, agreed: Callable[[Sequence[Frame]], Agreed]) -> None:
+        """agreed: what is made of the frame in the middle of 2 REACH + 1."""
+        self._agreed = agreed
+        self._window: deque[Frame] = deque(maxlen=2 * REACH + 1)
         self._behind = 0  # of the window, frames not given yet
 
-    def add(self, frame: T) -> tuple[T, ...] | None:
-        """Take the next frame; the frames around the one REACH before it, None while there is none."""
+    def add(self, frame: Frame) -> Agreed | None:
+        """Take the next frame; what the one REACH frames before it becomes, None while there is none."""
         if not self._window:
             self._window.extend([frame] * REACH)
         self._window.append(frame)
@@ -75,33 +81,24 @@ class FramesAround(Generic[T]):
         if self._behind <= REACH:
             return None
         self._behind -= 1
-        return tuple(self._window)
+        return self._agreed(tuple(self._window))
 
-    def end(self) -> list[tuple[T, ...]]:
-        """The frames around each of the last, when no more come."""
+    def end(self) -> list[Agreed]:
+        """What the last frames become, when no more come."""
         out = []
         while self._behind:
             self._window.append(self._window[-1])
             if len(self._window) == 2 * REACH + 1:
-                out.append(tuple(self._window))
+                out.append(self._agreed(tuple(self._window)))
                 self._behind -= 1
         return out
 
 
-class MatteConsensus:
-    """Brings the mattes of a track, in order, to what the frames around each of them agree on."""
+class MatteConsensus(Consensus[MatteInTime, Matte]):
+    """Brings the mattes of a face to what the frames around each of them agree on."""
 
     def __init__(self) -> None:
-        self._frames = FramesAround[MatteInTime]()
-
-    def add(self, frame: MatteInTime) -> Matte | None:
-        """Take the next frame; the matte of the one REACH frames before it, None while there is none."""
-        around = self._frames.add(frame)
-        return None if around is None else _consensus_of(around)
-
-    def end(self) -> list[Matte]:
-        """The mattes of the last frames, when no more come."""
-        return [_consensus_of(around) for around in self._frames.end()]
+        super().__init__(_consensus_of)
 
 
 def _consensus_of(window: Sequence[MatteInTime]) -> Matte:

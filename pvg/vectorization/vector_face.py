@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -33,7 +32,7 @@ from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.plausible import doubts
 from pvg.vectorization.row_colors import RowColors
 from pvg.vectorization.shared_threads import SharedThreads
-from pvg.vectorization.steady_mattes import MatteQueue, SteadyMattes
+from pvg.vectorization.steady_mattes import MatteQueue, SteadyRow
 from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.track_keys import TrackKeys
 from pvg.vectorization.track_notes import TrackNotes
@@ -45,8 +44,8 @@ _LIPS_EVERY = 8  # frames from one look for lips that were not seen yet to the n
 
 
 @dataclass(frozen=True, eq=False)
-class _WaitingRow:
-    """A row that waits for its mattes: row `k` of some rows.
+class _Row:
+    """Row `k` of some rows.
 
     visible: in [0, 1], what its mattes are multiplied by.
     """
@@ -95,8 +94,7 @@ class VectorFace:
         self._body = None if model.learned is None else BodyTracker(model.learned)
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._color_trust = 1.0 if self._body is None else self._body.color_trust
-        self._mattes = MatteQueue(threads)
-        self._unwritten: deque[_WaitingRow] = deque()
+        self._mattes = MatteQueue[_Row](threads)
         self._key_row = key.row
         self._key: KeyView | None = key  # until its colours are begun
         self._key_skin = SkinTracker(model)
@@ -134,13 +132,12 @@ class VectorFace:
             light, output = self._skin.light, self._skin.network_output
             face = matte if self._skin.in_time is None else self._skin.in_time
             make_body = partial(self._body_alpha, scene, landmarks, matte, light, output)
-            self._unwritten.append(_WaitingRow(rows, k, visible))
-            self._write_known(self._mattes.add(face, scene, make_body), writer)
+            self._write_all(self._mattes.add(_Row(rows, k, visible), face, scene, make_body), writer)
         self._notes.add(rows)
 
     def finish(self, writer: AssetWriter) -> None:
         """Write the last rows, once all are added, and keep only what is told of the track: clips have many of them."""
-        self._write_known(self._mattes.end(), writer)
+        self._write_all(self._mattes.end(), writer)
         writer.end_track(self.number)
         if self._light is not None:
             _, exposure = self._light
@@ -156,7 +153,7 @@ class VectorFace:
         landmarks, frame = track.landmarks[self._key_row], track.first + self._key_row
         light, output = self._key_skin.light, self._key_skin.network_output
         body = self._body_alpha(scene, landmarks, self.key_matte, light, output)
-        self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
+        self._write(_Row(track, self._key_row, 1.0), self.key_matte, body, writer)
         self._notes = TrackNotes(frame)
         self._notes.add(rows_between(track, frame, frame + 1))
         self.finish(writer)
@@ -215,14 +212,13 @@ class VectorFace:
             return self._no_body
         return self._body.step(scene, landmarks, matte, light, output).alpha
 
-    def _write_known(self, mattes: Sequence[SteadyMattes], writer: AssetWriter) -> None:
-        """Write the first of the rows that wait, whose mattes are known now."""
-        for matte, body in mattes:
-            row = self._unwritten.popleft()
-            self._write(row.rows, row.k, row.visible, body, matte, writer)
+    def _write_all(self, known: Iterable[SteadyRow[_Row]], writer: AssetWriter) -> None:
+        for row, face, body in known:
+            self._write(row, face, body, writer)
 
-    def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
-        """Write row `k` of some rows;  visible, body: see `_WaitingRow`;  matte: of the face."""
+    def _write(self, row: _Row, matte: Matte, body: Bytes, writer: AssetWriter) -> None:
+        """Write a row;  matte: of the face;  body: alpha (h, w) of the person's other skin in the scene, 0-255."""
+        rows, k, visible = row.rows, row.k, row.visible
         face, body = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in (matte.alpha, body))
         arrays: dict[str, NDArray[Any]] = {
             "points": rows.landmarks.points[k],

@@ -9,7 +9,7 @@ import pytest
 
 from pvg._arrays import Bytes
 from pvg.raster import Raster
-from pvg.skin import BodyConsensus, Scene
+from pvg.skin import BodyConsensus, BodyInTime, Scene
 
 SHAPE = (60, 80)
 BLOCKS = (30, 40)
@@ -36,7 +36,7 @@ def arm(moved: int = 0) -> Bytes:
 
 def agreed(scenes: Sequence[Scene], alphas: Sequence[Bytes]) -> list[Bytes]:
     consensus = BodyConsensus()
-    out = [consensus.add(one, alpha) for one, alpha in zip(scenes, alphas, strict=True)]
+    out = [consensus.add(BodyInTime(alpha, one)) for one, alpha in zip(scenes, alphas, strict=True)]
     return [alpha for alpha in out if alpha is not None] + consensus.end()
 
 

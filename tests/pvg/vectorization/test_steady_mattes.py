@@ -9,7 +9,7 @@ from pvg._arrays import Bytes
 from pvg.raster import Raster
 from pvg.skin import Matte, Scene
 from pvg.vectorization.shared_threads import SharedThreads
-from pvg.vectorization.steady_mattes import MatteQueue, SteadyMattes
+from pvg.vectorization.steady_mattes import MatteQueue, SteadyRow
 
 SHAPE = (12, 16)
 ROWS = 9
@@ -33,30 +33,31 @@ def body(row: int) -> Bytes:
     return alpha
 
 
-def rows_of(scenes: bool) -> list[tuple[int, SteadyMattes]]:
-    """After how many rows each pair of mattes was known, and they."""
-    out = []
+def rows_of(scenes: bool) -> list[tuple[int, SteadyRow[int]]]:
+    """After how many rows the mattes of each row were known, and they."""
+    out: list[tuple[int, SteadyRow[int]]] = []
     with SharedThreads() as threads:
-        mattes = MatteQueue(threads)
+        mattes = MatteQueue[int](threads)
         for row in range(ROWS):
-            found = mattes.add(face(row), scene() if scenes else None, lambda row=row: body(row))  # type: ignore[misc]
+            seen = scene() if scenes else None
+            found = mattes.add(row, face(row), seen, lambda row=row: body(row))  # type: ignore[misc]
             out += [(row, each) for each in found]
         return out + [(ROWS, each) for each in mattes.end()]
 
 
 @pytest.mark.parametrize("scenes", [True, False])
 def test_faces_and_bodies_of_one_row_come_together_and_in_order(scenes: bool) -> None:
-    assert [(int(matte.alpha[0, 0]), int(alpha[0, 0]) // 5) for _, (matte, alpha) in rows_of(scenes)] == [
-        (row, row) for row in range(ROWS)
+    assert [(row, int(matte.alpha[0, 0]), int(alpha[0, 0]) // 5) for _, (row, matte, alpha) in rows_of(scenes)] == [
+        (row, row, row) for row in range(ROWS)
     ]
 
 
 def test_bodies_are_held_to_the_rows_around_them() -> None:
-    assert [int(alpha[8:, 8:].min()) for _, (_, alpha) in rows_of(True)] == [255] * ROWS
+    assert [int(alpha[8:, 8:].min()) for _, (_, _, alpha) in rows_of(True)] == [255] * ROWS
 
 
 def test_without_a_scene_bodies_stay_as_they_are() -> None:
-    assert [int(alpha.max()) for _, (_, alpha) in rows_of(False)] == [int(body(row).max()) for row in range(ROWS)]
+    assert [int(alpha.max()) for _, (_, _, alpha) in rows_of(False)] == [int(body(row).max()) for row in range(ROWS)]
 
 
 def test_rows_are_known_a_few_rows_later_so_that_little_waits_in_memory() -> None:
@@ -68,7 +69,7 @@ def test_what_a_body_raises_is_raised_where_it_is_waited_for() -> None:
         raise RuntimeError("no body")
 
     with SharedThreads() as threads:
-        mattes = MatteQueue(threads)
-        mattes.add(face(0), scene(), fails)
+        mattes = MatteQueue[int](threads)
+        mattes.add(0, face(0), scene(), fails)
         with pytest.raises(RuntimeError, match="no body"):
             mattes.end()
