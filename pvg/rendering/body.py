@@ -41,22 +41,20 @@ def apply_body(
     pixel_format, (left, upper), skin = frame.format, (body.x, body.y), shown.planes
     top = np.float32(2**pixel_format.depth - 1)
     h, w = body.alpha.shape
-    luma = frame.planes[0][upper : upper + h, left : left + w]
+    window = left, upper, left + w, upper + h
     broad, *smooth = shown.smooth
-    part = with_patches(luma, 0, (left, upper), under)
+    part = with_patches(frame.over(0, window), 0, (left, upper), under)
     kernels.apply_tone(part, skin[0], broad, body.alpha, tables.tone, luma_bend(pixel_format), top)
     patches = [Patch(0, upper, left, part)]
     log2x, log2y = pixel_format.chroma_log2
-    rows, columns = shown.chroma_alpha.shape
     x, y = left >> log2x, upper >> log2y
     by = shown.luma_at_chroma
     chroma = smooth[0], smooth[1]
     weight = tinged(tables, by, chroma, shown.chroma_alpha)
     beyond = beyond_bound(tables, tables.spread, by, chroma, shown.chroma_alpha)
     for p in (1, 2):
-        before = frame.planes[p][y : y + rows, x : x + columns]
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]
-        part = with_patches(before, p, (x, y), under)
+        part = with_patches(frame.over(p, window), p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
         grey = np.float32(pixel_format.offset[p])
         kernels.apply_chroma(part, skin[p], wide, by, weight, shift, excess, beyond[p - 1], grey, top)

@@ -12,11 +12,9 @@ not seen nearby, the cells' own alpha stays.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pvg._arrays import Bytes, Floats
 from pvg.raster import Raster
@@ -100,13 +98,9 @@ def _cut_out(
     )
     right, bottom = max(int(x1) + 1, window[0] + shape[1]), max(int(y1) + 1, window[1] + shape[0])
 
-    def cut(plane: NDArray[Any], across: int, along: int) -> NDArray[Any]:
-        # a copy is of one type whatever the plane is: compiled once
-        return plane[y >> along : -(-bottom >> along), x >> across : -(-right >> across)].copy()
-
-    first, second, third = frame.planes
-    chroma = cut(second, log2x, log2y), cut(third, log2x, log2y)
-    return kernels.Planes(cut(first, 0, 0), *chroma, log2x, log2y), (x, y)
+    # copies are of one type whatever the planes are: compiled once
+    first, second, third = (frame.over(p, (x, y, right, bottom)).copy() for p in range(3))
+    return kernels.Planes(first, second, third, log2x, log2y), (x, y)
 
 
 def _kinds(alpha: Bytes, full: int) -> Bytes:

@@ -77,20 +77,15 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
     luma, *chroma = shown.planes
     beta = np.maximum(cv2.erode(alpha, _NEIGHBOURS), np.minimum(alpha, _HARDLY))
     _show_skin([luma], beta, step, 0)
-    log2x = 0 if frame.format.is_rgb else frame.format.chroma_log2[0]
-    _show_skin(chroma, over_chroma(beta, frame.format), step, log2x)
+    _show_skin(chroma, over_chroma(beta, frame.format), step, frame.format.chroma_log2[0])
     return shown
 
 
 def as_they_are(frame: Frame, corner: tuple[int, int], alpha: Floats) -> Foreground:
     """The same without anything shown: copies of the planes over the window."""
-    chroma_alpha = over_chroma(alpha, frame.format)
-    parts = []
-    for p, plane in enumerate(frame.planes[:3]):
-        log2x, log2y = (0, 0) if p == 0 or frame.format.is_rgb else frame.format.chroma_log2
-        (rows, columns), x, y = (chroma_alpha if p else alpha).shape, corner[0] >> log2x, corner[1] >> log2y
-        parts.append(plane[y : y + rows, x : x + columns].copy())
-    return Foreground(tuple(parts), chroma_alpha, frame.format)
+    (x, y), (rows, columns) = corner, alpha.shape
+    planes = (frame.over(p, (x, y, x + columns, y + rows)).copy() for p in range(3))
+    return Foreground(tuple(planes), over_chroma(alpha, frame.format), frame.format)
 
 
 def _show_skin(parts: list[NDArray[Any]], beta: Floats, step: float, log2x: int) -> None:

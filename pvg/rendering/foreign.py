@@ -82,7 +82,7 @@ def without_foreign(
     """
     if tables is None:
         return alpha
-    fine = max(2, 2 ** max(frame.format.chroma_log2))
+    fine = max(2, frame.format.chroma_step)
     coarse = max(1, round(max(_SEEN_PX, _SEEN * landmarks.axes.width) / fine)) * fine
     window = _Window(frame, corner, alpha, tables, landmarks, coarse)
     if not window.may_be_foreign or not (found := replace(window, apart=fine).foreign()).any():
@@ -194,9 +194,8 @@ class _Window:
         """(3, r, c) luma and chroma."""
         (left, upper), (rows, columns), form = self.corner, self.alpha.shape, self.frame.format
         codes = np.empty((3, *self._in_matte.shape), np.float32)
-        for p, plane in enumerate(self.frame.planes[:3]):
-            log2x, log2y = form.chroma_log2 if p and not form.is_rgb else (0, 0)
-            part = plane[upper >> log2y : -(-(upper + rows) >> log2y), left >> log2x : -(-(left + columns) >> log2x)]
+        for p in range(3):
+            part, (log2x, log2y) = self.frame.over(p, (left, upper, left + columns, upper + rows)), form.log2_of(p)
             codes[p] = part[:: self.apart >> log2y, :: self.apart >> log2x]
         if not form.is_rgb:
             return codes

@@ -133,7 +133,7 @@ def _window(
     corner = np.array([lattice.x, lattice.y], np.float32)
     first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(np.intp)
     last = np.minimum(np.ceil((high - corner) / lattice.step).astype(np.intp) + 1, [lattice.width, lattice.height])
-    align = 2 ** max(frame.format.chroma_log2)
+    align = frame.format.chroma_step
     begin = (corner + first * np.float32(lattice.step)).astype(int) // align * align
     end = np.minimum((corner + last * np.float32(lattice.step)).astype(int), [frame.width, frame.height])
     if (last - first).min() < 2 or (end - begin).min() < 2:

@@ -18,12 +18,7 @@ def mean_codes(frame: Frame, window: tuple[int, int, int, int], shape: tuple[int
 
     window: x0, y0, x1, y1 of its pixels, x0 and y0 multiples of the chroma step.
     """
-    x0, y0, x1, y1 = window
-    planes = []
-    for p, plane in enumerate(frame.planes[:3]):
-        right, down = frame.format.chroma_log2 if p else (0, 0)
-        planes.append(averaged(plane[y0 >> down : -(-y1 >> down), x0 >> right : -(-x1 >> right)], shape))
-    codes = np.stack(planes, axis=-1)
+    codes = np.stack([averaged(frame.over(p, window), shape) for p in range(3)], axis=-1)
     if frame.format.is_rgb:
         codes = (codes @ opponent_matrix(frame.format).T + frame.format.opponent.offset).astype(np.float32)
     return codes

@@ -154,7 +154,7 @@ def _place_piece(
     frame: Frame, piece: _Piece, faces: Sequence[PlacedFace], others: Sequence[PlacedBody]
 ) -> PlacedBody | None:
     """A piece in the pixels of a frame; None when nothing of it is left there."""
-    align, step = 2 ** max(frame.format.chroma_log2), piece.matte.raster.step
+    align, step = frame.format.chroma_step, piece.matte.raster.step
     left, top, columns, rows = piece.cells
     x0, y0 = (max(0, int((low - _SOFT) * step) // align * align) for low in (left, top))
     x1, y1 = (

@@ -57,7 +57,7 @@ def apply_correction(
     if frame.format.is_rgb:
         planes = skin.planes if skin else None
         return apply_to_rgb(frame, corner, alpha, correction, under=under, guards=guards, fade=fade, skin=planes)
-    left, upper = corner
+    (left, upper), (height, width) = corner, alpha.shape
     pixel_format, contrast = frame.format, correction.contrast
     patches = []
     chroma_alpha = over_chroma(alpha, pixel_format)
@@ -69,11 +69,10 @@ def apply_correction(
     over = [over_chroma(guard.weight, pixel_format) for guard, _ in guards]
     chroma_alpha = with_guards(chroma_alpha, list(zip((guard for guard, _ in guards), over, strict=True)), pixel_format)
     for p in range(len(frame.planes)):
-        log2 = pixel_format.chroma_log2 if p else (0, 0)
-        weight = chroma_alpha if p else alpha
+        log2, weight = pixel_format.log2_of(p), chroma_alpha if p else alpha
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
-        before = _samples(frame, p, corner, weight.shape)
+        before: NDArray[Any] = frame.over(p, (left, upper, left + width, upper + height))
         part = with_patches(before, p, (x, y), under)
         nodes = _in_nodes(correction.lattice, corner, (columns, rows), log2)
         if shown is not None and isinstance(contrast, MapTables):
@@ -122,13 +121,6 @@ def _apply_number(
     kernels.apply_contrast(part, before, weight, shift, np.float32(contrast - 1.0), codes)
 
 
-def _samples(frame: Frame, p: int, corner: tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Those of plane p over a face whose first pixel is at `corner` (x, y), (r, c)."""
-    log2x, log2y = frame.format.chroma_log2 if p else (0, 0)
-    x, y = corner[0] >> log2x, corner[1] >> log2y
-    return frame.planes[p][y : y + shape[0], x : x + shape[1]]
-
-
 def fade_in_dark(
     frame: Frame,
     corner: tuple[int, int],
@@ -173,7 +165,7 @@ def _scale(
         return
     if plane:
         gain = min(gain, 1.0)
-    log2x, log2y = pixel_format.chroma_log2 if plane else (0, 0)
+    log2x, log2y = pixel_format.log2_of(plane)
     top, left = guard.y >> log2y, guard.x >> log2x
     window = slice(top, top + weight.shape[0]), slice(left, left + weight.shape[1])
     bend = _NO_ROLL_OFF if plane else luma_bend(pixel_format)

@@ -248,7 +248,7 @@ class Renderer:
 
         They are needed too: a face in front of another is not painted with that one's look.
         """
-        align = 2 ** max(frame.format.chroma_log2)
+        align = frame.format.chroma_step
         found: _Faces = []
         there = (self._spans[:, 0] <= frame.index) & (frame.index <= self._spans[:, 1])
         for face in np.flatnonzero(there).tolist() if self._with_face else ():
@@ -284,7 +284,7 @@ class Renderer:
             lumas.append(new_codes[:, 0])
             gained = self._parts(i, face, frame.index)
             parts.append(None if gained is None else coding.changes(gained, new))
-        level, align = 2.0 ** (frame.format.depth - 8), 2 ** max(frame.format.chroma_log2)
+        level, align = 2.0 ** (frame.format.depth - 8), frame.format.chroma_step
         try:
             corrections = extend(placed, codes, wanted, level=level)
         except UncutError:  # a speck of matte between curves, as the paper's rule may leave: it stays as it is

@@ -70,6 +70,15 @@ class PixelFormat:
         return self.luma_weights is None
 
     @property
+    def chroma_step(self) -> int:
+        """Pixels from one sample of chroma to the next, the longer of both ways."""
+        return 1 << max(self.chroma_log2)
+
+    def log2_of(self, plane: int) -> tuple[int, int]:
+        """The binary logarithm (x, y) of one plane's subsampling."""
+        return self.chroma_log2 if plane else (0, 0)
+
+    @property
     def dtype(self) -> type[np.uint8] | type[np.uint16]:
         """The planes' sample type."""
         return np.uint8 if self.depth == 8 else np.uint16
@@ -243,6 +252,15 @@ class Frame:
     def height(self) -> int:
         """Rows."""
         return int(self.planes[0].shape[0])
+
+    def over(self, plane: int, window: tuple[int, int, int, int]) -> Plane:
+        """The samples of a plane over the pixels x0 … x1 − 1, y0 … y1 − 1, as far as the picture goes; a view.
+
+        window: x0, y0, x1, y1, the first two multiples of the chroma step.
+        """
+        (x0, y0, x1, y1), (log2x, log2y) = window, self.format.log2_of(plane)
+        part: Plane = self.planes[plane][y0 >> log2y : -(-y1 >> log2y), x0 >> log2x : -(-x1 >> log2x)]
+        return part
 
     def rgb(self) -> Bytes:
         """(H, W, 3) uint8 RGB as an SDR display shows the frame, computed once; do not write into it."""

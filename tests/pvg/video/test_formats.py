@@ -100,3 +100,16 @@ def test_untagged_colours_follow_the_size_whatever_the_rotation() -> None:
 def test_a_matrix_that_is_not_linear_ycbcr_is_refused(matrix: int) -> None:
     with pytest.raises(MediaError, match=f"matrix {matrix}"):
         resolve_format("yuv420p", 64, 64, matrix, 1)
+
+
+@pytest.mark.parametrize(("log2", "step"), [((1, 1), 2), ((1, 0), 2), ((0, 0), 1)])
+def test_a_plane_over_a_window_has_the_samples_of_its_pixels(log2: tuple[int, int], step: int) -> None:
+    form = PixelFormat("any", 8, log2, (0.2126, 0.0722), False)
+    shapes = form.plane_shapes(13, 9)
+    first, second, third = (np.arange(h * w, dtype=np.uint8).reshape(h, w) for h, w in shapes)
+    frame = Frame(0, 0, 0.0, form, (first, second, third))
+    assert form.chroma_step == step
+    np.testing.assert_array_equal(frame.over(0, (4, 2, 7, 9)), first[2:9, 4:7])
+    x, y = log2
+    np.testing.assert_array_equal(frame.over(2, (4, 2, 7, 9)), third[2 >> y : -(-9 >> y), 4 >> x : -(-7 >> x)])
+    np.testing.assert_array_equal(frame.over(1, (0, 0, 20, 20)), second)
