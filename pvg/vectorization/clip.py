@@ -31,7 +31,7 @@ from pvg.vectorization.shared_threads import SharedThreads
 from pvg.vectorization.source_reader import Progress, SourceReader, StoppedByCallerError
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.vectorization.whole_clip import SECOND_READING, VECTORIZE, follow_all_faces
-from pvg.video import INPUT_COLORS, InputColor, MediaLimits, probe, sha256_file
+from pvg.video import INPUT_COLORS, FileState, InputColor, MediaLimits, file_state, probe, sha256_file
 
 VECTORIZER_VERSION = 34  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
@@ -113,16 +113,15 @@ def vectorize(
     return VectorVideo(target, path, limits=limits, temporary=asset is None)
 
 
-def _state_of(path: Path) -> tuple[int, ...] | None:
-    """What is another once the file was written to or replaced; None where it cannot be had, as `probe` explains."""
+def _state_of(path: Path) -> FileState | None:
+    """`file_state`; None where it cannot be had, as `probe` explains."""
     try:
-        found = path.stat()
+        return file_state(path)
     except (OSError, ValueError):
         return None
-    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def _sha256_of(path: Path, before: tuple[int, ...] | None) -> str:
+def _sha256_of(path: Path, before: FileState | None) -> str:
     """The clip's sha256, by which the asset is held to be of it.
 
     before: its state before any of it was read. Raises `MediaError` when it is another now: the bytes that are hashed

@@ -8,9 +8,10 @@ from pvg.video.describing import inspect, planned
 from pvg.video.display_order import DisplayOrder, display_order, frame_at, key_pictures
 from pvg.video.encoders import check_scales
 from pvg.video.encoding import PictureEncoder
+from pvg.video.file_state import FileState, file_state, sha256_file
 from pvg.video.formats import RGB24, RGB48, Frame, Patch, PixelFormat
 from pvg.video.images import IMAGE_SUFFIXES, read_image, write_image
-from pvg.video.info import MediaInfo, probe, sha256_file
+from pvg.video.info import MediaInfo, probe
 from pvg.video.joining import can_join, join
 from pvg.video.keeping import make_plan
 from pvg.video.metadata_record import PictureMetadata
@@ -39,6 +40,7 @@ __all__ = [
     "ClipOfParts",
     "ColorSpace",
     "DisplayOrder",
+    "FileState",
     "Frame",
     "InputColor",
     "MediaInfo",
@@ -60,6 +62,7 @@ __all__ = [
     "check_scales",
     "color_space",
     "display_order",
+    "file_state",
     "frame_at",
     "inspect",
     "join",

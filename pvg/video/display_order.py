@@ -14,6 +14,7 @@ from pathlib import Path
 import av.error
 
 from pvg.errors import MediaError
+from pvg.video.file_state import FileState, file_state
 from pvg.video.opening import MediaLimits, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 
@@ -56,8 +57,7 @@ def display_order(path: Path, limits: MediaLimits, frame_count: int | None) -> D
 
     frame_count: how many frames the clip gives, where that is known.
     """
-    status = path.stat()
-    order = _cached_order(path.absolute(), status.st_size, status.st_mtime_ns, limits)
+    order = _cached_order(path.absolute(), file_state(path), limits)
     return order if order is not None and frame_count in (None, len(order.stamps)) else None
 
 
@@ -95,7 +95,7 @@ def frame_at(
 
 
 @lru_cache(maxsize=8)
-def _cached_order(path: Path, size: int, modified_ns: int, limits: MediaLimits) -> DisplayOrder | None:
+def _cached_order(path: Path, state: FileState, limits: MediaLimits) -> DisplayOrder | None:
     packets, time_base = packet_stamps(path, limits)
     stamps = [pts for pts, _ in packets if pts is not None]
     if len(stamps) != len(packets) or len(set(stamps)) != len(stamps):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -336,9 +335,3 @@ def _check_totals(name: str, info: MediaInfo, limits: MediaLimits) -> None:
         rate = float(info.frame_rate)
         message = f"{name} has {rate:.2f} frames a second; at most {limits.max_frame_rate:g} are accepted"
         raise TooLargeError(message, limits.max_frame_rate, "frames per second")
-
-
-def sha256_file(path: str | Path) -> str:
-    """The SHA-256 of a file's bytes, in hexadecimal."""
-    with Path(path).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -24,6 +24,7 @@ import av.video.frame
 from pvg.errors import MediaError
 from pvg.video.decoding import DecodingPlan, decoding_plan, to_frame, within_depth
 from pvg.video.display_order import DisplayOrder, display_order
+from pvg.video.file_state import FileState, file_state
 from pvg.video.formats import Frame
 from pvg.video.opening import MediaLimits, open_clip
 from pvg.video.reading import check_picture, pictures
@@ -102,15 +103,13 @@ class _Clip:
     """A file as it was when its decoders were opened, and how it is read: another one in its place is told from it."""
 
     path: Path
-    identity: tuple[int, ...]
+    state: FileState
     limits: MediaLimits
     input_color: str
 
     @classmethod
     def of(cls, path: Path, limits: MediaLimits, input_color: str) -> _Clip:
-        status = path.stat()
-        identity = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
-        return cls(path.absolute(), identity, limits, input_color)
+        return cls(path.absolute(), file_state(path), limits, input_color)
 
 
 class _Kept:

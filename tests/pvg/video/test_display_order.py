@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,21 @@ def test_a_time_names_the_frame_that_is_shown_then(tmp_path: Path, make: object)
     for index, time_s in enumerate(times):
         assert frame_at(clip, time_s - times[0]) == index
     assert frame_at(clip, 1e6) == len(times) - 1
+
+
+def test_another_clip_in_the_place_of_one_has_its_own_keys(tmp_path: Path) -> None:
+    """As one that was copied there with its time, and happens to be as long."""
+    pictures = [libav_frame(colorful(9, (160, 96)))] * 30
+    here, other = (encode_raw(tmp_path / f"{g}.mp4", pictures, "libx264", g=g) for g in ("10", "15"))
+    longest = max(path.stat().st_size for path in (here, other))
+    for path in (here, other):
+        lacks = longest + 8 - path.stat().st_size
+        with path.open("ab") as file:
+            file.write(lacks.to_bytes(4, "big") + b"free" + bytes(lacks - 8))
+        os.utime(path, ns=(1, 1))
+    assert key_pictures(here) == (0, 10, 20)
+    other.replace(here)
+    assert key_pictures(here) == (0, 15)
 
 
 def test_packets_that_do_not_fit_the_frames_known_tell_nothing(tmp_path: Path) -> None:
