@@ -72,6 +72,7 @@ def export(
     """
     _check_sequence("parts", parts)
     _check_sequence("keep", keep)
+    parts = tuple(parts)  # looked at more than once
     if unknown := [part for part in parts if part not in SUITE_FILES]:
         raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(SUITE_FILES)}")
     if matte not in MATTES:

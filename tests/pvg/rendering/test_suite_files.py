@@ -198,7 +198,7 @@ def test_only_what_is_asked_for_is_made(
 ) -> None:
     look = pvg.transfer(video, dark_reference)
     for part, name, lines in (("cube", "look.cube", 2), ("matte", "matte.mkv", 1)):
-        written = pvg.export(video, look, tmp_path / part, parts=[part], size=5)  # type: ignore[list-item]
+        written = pvg.export(video, look, tmp_path / part, parts=iter([part]), size=5)  # type: ignore[arg-type]
         assert [path.name for path in written] == [name, "look-README.txt"]
         assert {path.name for path in (tmp_path / part).iterdir()} == {name, "look-README.txt"}
         assert len(written[-1].read_text().splitlines()) == lines
