@@ -57,7 +57,8 @@ class Encoding:
 class Canvas:
     """The pictures that are drawn on, and the file whose other streams go along; None without one.
 
-    frames: all of them, each time it is called. missing: what cannot go along, in words.
+    frames: gives all of them, of a file each time it is called, of a pipe once;  missing: what cannot go along, in
+    words.
     """
 
     info: MediaInfo
@@ -98,8 +99,8 @@ def frame_of_file(video: VectorVideo, index: int) -> Frame:
     """
     check_index(video, index)
     source, color, count = video.require_source(), video.settings["input_color"], count_of_file(video)
-    near = video.single_frames.frame(source, index, limits=video.limits, input_color=color, frame_count=count)
-    frame = near or next(frames_of_file(video, index, index + 1), None)
+    found = video.single_frames.frame(source, index, limits=video.limits, input_color=color, frame_count=count)
+    frame = found or next(frames_of_file(video, index, index + 1), None)
     if frame is None:
         raise MediaError(f"{video.path.name}: frame {index} of its clip cannot be read")
     return frame

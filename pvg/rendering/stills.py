@@ -24,7 +24,11 @@ _KEPT_PIXELS: Final = 40_000_000  # of decoded frames: some at 1080p, one at the
 
 @dataclass(frozen=True)
 class SeenFace:
-    """Where a face is seen well: its frame, the box of its outline there, and a square picture of it, (S, S, 3) RGB."""
+    """Where a face is seen well.
+
+    index: its number;  frame: where it is seen;  box: of its outline there;  picture: (S, S, 3) uint8 RGB, a square
+    around it.
+    """
 
     index: int
     frame: int
@@ -33,10 +37,10 @@ class SeenFace:
 
 
 class Stills:
-    """A clip or picture, or a reference, open for single frames of it.
+    """A clip, a picture or a reference of which single frames are asked for, by their number in display order.
 
-    Frames are counted in display order. Decoding one begins at the key picture before it, which may be hundreds of
-    frames away: `nearest` says which frame is quick to have. The last frames are kept.
+    Decoding a frame begins at the key picture before it, which may be hundreds of frames away: `nearest` says which
+    frame is quick to have. The frames that were asked for last are kept.
     """
 
     def __init__(self, video: VectorVideo) -> None:
@@ -113,7 +117,10 @@ class Stills:
         return self._box(seen)
 
     def seen_faces(self, faces: Sequence[int], size_px: int) -> list[SeenFace]:
-        """These faces, each where it is seen well, in squares of `size_px`; the clip is read once at most."""
+        """These faces, each where it is seen well, in squares of `size_px`, by their numbers.
+
+        One that is seen nowhere is left out. Key pictures are decoded by themselves, the others in one reading.
+        """
         at: dict[int, list[int]] = {}
         for face in faces:
             at.setdefault(self.usual_frame([face]), []).append(face)
@@ -126,7 +133,7 @@ class Stills:
         return sorted(found, key=lambda one: one.index)
 
     def _several(self, indices: Sequence[int]) -> Iterator[Frame]:
-        """These frames: first key pictures and those that are kept, each by itself, then the others by one reading."""
+        """These frames (ascending): key pictures and those that are kept first, then the others in one reading."""
         keys = set(self._keys or ())
         others = [index for index in indices if index not in keys and index not in self._frames]
         for index in indices:

@@ -56,7 +56,8 @@ class DueKey:
     """A key frame that is due.
 
     since: the last row that the colours before it serve alone, None when there are none;
-    main_from: the row that the track's main key must serve from, as well as where it lies, None when it need not.
+    main_from: the row from which the track's main key, which lies ahead, serves until this one: its light was already
+    there; None when another one serves there.
     """
 
     sight: Sight
@@ -130,8 +131,8 @@ class ExposureWatch:
     def _began(self, row: int, gain: float, tint: float) -> int | None:
         """The row where the light began to leave the key's on its way to the gain and the tint over it in a row.
 
-        Light that runs steadily had moved a little in the last row that counts as the key's: from there back on the
-        same line, for colours that set off late would have to hurry.
+        Light that changes steadily had left it a little by the last row that counts as in it: so the line through both
+        rows' gains is followed back to where it was none. Colours that set off later would have to hurry.
         """
         if tint > _TINT:
             return self._key_row if self._same_colour_row is None else self._same_colour_row

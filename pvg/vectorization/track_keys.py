@@ -38,7 +38,7 @@ class TrackKeys:
         self._threads = threads
         self._seed = seed
         self._fits: dict[int, Future[KeyFrame | None]] = {}  # by row; None: no skin there
-        self._since: dict[int, int | None] = {}  # by row, see `KeyFrame.since`, but a row as well
+        self._since: dict[int, int | None] = {}  # by row: `KeyFrame.since`, counted as rows are
         self._main_from: int | None = None  # see `DueKey`
         self._lips: RowColors | None = None  # of the first row that shows lips
 
