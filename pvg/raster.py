@@ -141,7 +141,12 @@ def inside(polygon: Floats, shape: tuple[int, ...]) -> Bools:
 
 def square(reach: float) -> Bytes:
     """A kernel of OpenCV's morphology that reaches so many cells to each side, one at least."""
-    return np.ones((2 * max(1, round(reach)) + 1,) * 2, np.uint8)
+    return block(2 * max(1, round(reach)) + 1)
+
+
+def block(side: int) -> Bytes:
+    """A kernel of OpenCV's morphology of so many cells a side: opening by it takes away what is narrower."""
+    return np.ones((side, side), np.uint8)
 
 
 def first_reading(corner: float, step: float) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from pvg._arrays import Bytes, Doubles, Floats
 from pvg.landmarks.mesh import INPUT_PX, Mesh, region_of_points
 from pvg.picture import Picture
+from pvg.raster import square
 
 _CORNERS, _QUALITY, _APART = 120, 0.005, 4.0  # the last in px of the crop, as are those below
 _RETURN_PX = 1.0  # how near a corner followed there and back again comes to where it was
@@ -78,4 +79,4 @@ def _seen_face(points: Floats, to_crop: Doubles, size: tuple[int, int]) -> Bytes
     cv2.fillConvexPoly(face, np.rint(cv2.convexHull(points)).astype(np.int32), 255)
     border = np.array([(0, 0), (width - 1, 0), (width - 1, height - 1), (0, height - 1)], np.float32)
     cv2.fillConvexPoly(inside, np.rint(_moved(border, to_crop)).astype(np.int32), 255)
-    return np.asarray(cv2.erode(face & inside, np.ones((2 * _MARGIN_PX + 1,) * 2, np.uint8)), np.uint8)
+    return np.asarray(cv2.erode(face & inside, square(_MARGIN_PX)), np.uint8)

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bytes, Floats
-from pvg.raster import Raster
+from pvg.raster import Raster, square
 from pvg.rendering import _edge_kernels as kernels
 from pvg.rendering.placed_face import PlacedFace
 from pvg.skin import Matte
@@ -72,8 +72,7 @@ def refine(alpha: Floats, window: tuple[int, int], matte: Matte, frame: Frame) -
     planes, (x, y) = _cut_out(frame, matte.raster, window, alpha.shape)
     weights = _weights(frame.format)
     near = _near(touched)
-    side = 2 * EDGES.reach + 1
-    wanted = np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)), np.bool_)
+    wanted = np.asarray(cv2.dilate(near, square(EDGES.reach)), np.bool_)
     cells = kernels.Cells((matte.raster.origin - np.array([x, y])).astype(np.float32), float(matte.raster.step))
     sums = np.zeros((*near.shape, 2 * kernels.SUMS), np.float32)
     kernels.gather(planes, weights, cells, kind, wanted, sums)
@@ -116,7 +115,7 @@ def _kinds(alpha: Bytes, full: int) -> Bytes:
 def _near(touched: Bytes) -> Bytes:
     """The blocks of 2×2 cells that touched cells are read from, (rows, columns) uint8."""
     # block b is read by the cells from 2 b − 1 to 2 b + 2
-    return np.ascontiguousarray(cv2.dilate(touched, np.ones((5, 5), np.uint8))[::2, ::2])
+    return np.ascontiguousarray(cv2.dilate(touched, square(2))[::2, ::2])
 
 
 def _weights(pixel_format: PixelFormat) -> Floats:

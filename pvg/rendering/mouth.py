@@ -28,7 +28,7 @@ from pvg.asset import KeyFrame
 from pvg.face import PARTS, Landmarks, layout
 from pvg.looks import to_opponent
 from pvg.membrane import Lattice
-from pvg.raster import inside, square
+from pvg.raster import block, inside, square
 from pvg.rendering.coding import Coding
 from pvg.rendering.node_means import mean_codes
 from pvg.video import Frame
@@ -200,7 +200,7 @@ def _crossing(skin: Floats, lips: Floats, outer: Bools, inner: Bools, finger: fl
     likely = skin > 0.5
     bare = likely & outer & ~inner & (lips < _NO_LIPS)
     side = max(1, round(finger))
-    seeds = cv2.morphologyEx(bare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
+    seeds = cv2.morphologyEx(bare.astype(np.uint8), cv2.MORPH_OPEN, block(side))
     if not seeds.any():
         return None
     _, labels = cv2.connectedComponents((likely & outer).astype(np.uint8))

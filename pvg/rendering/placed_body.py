@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Bytes, Floats
-from pvg.raster import Raster
+from pvg.raster import Raster, block, square
 from pvg.rendering._body_kernels import leave
 from pvg.rendering.edges import EDGES, refine
 from pvg.rendering.placed_face import PlacedFace
@@ -77,8 +77,7 @@ class _Piece:
 
 def _pieces(body: Matte, faces: Sequence[PlacedFace]) -> list[_Piece]:
     """A body's matte in pieces that are less work than the whole, without those that are rims of faces alone."""
-    side = 2 * _REACH + 1
-    reached = cv2.dilate((body.alpha > 0).view(np.uint8), np.ones((side, side), np.uint8))
+    reached = cv2.dilate((body.alpha > 0).view(np.uint8), square(_REACH))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(reached, connectivity=8, ltype=cv2.CV_16U)
     beyond = _beyond(body, faces)
     counted = np.bincount(labels[beyond > _RIM], minlength=len(stats))
@@ -126,7 +125,7 @@ def _beyond(body: Matte, faces: Sequence[PlacedFace]) -> Bytes:
         part = left[rows, columns]
         if part.any():
             part[:] = cv2.subtract(part, _bytes(face.data.matte.alpha_at(xs[columns], ys[rows])))
-    return np.asarray(cv2.morphologyEx(left, cv2.MORPH_OPEN, _square(2)), np.uint8)
+    return np.asarray(cv2.morphologyEx(left, cv2.MORPH_OPEN, block(2)), np.uint8)
 
 
 def _joined(boxes: list[_Labelled], worth: float) -> list[_Labelled]:
@@ -197,11 +196,11 @@ def _take_rims_out(body: PlacedBody, faces: Sequence[PlacedFace]) -> None:
         part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
         held = _bytes(part)
         farther = cv2.copyMakeBorder(held, *(thin,) * 4, cv2.BORDER_REPLICATE)  # skin does not end with the picture
-        opened = cv2.morphologyEx(farther, cv2.MORPH_OPEN, _square(thin))[thin:-thin, thin:-thin]
+        opened = cv2.morphologyEx(farther, cv2.MORPH_OPEN, block(thin))[thin:-thin, thin:-thin]
         rims = cv2.subtract(held, opened)
         if not rims.any():
             continue
-        around = cv2.dilate(_over(face, (x0, y0, x1, y1)), _square(2 * beside + 1))
+        around = cv2.dilate(_over(face, (x0, y0, x1, y1)), square(beside))
         taken = cv2.multiply(around, rims, scale=1 / 255.0)
         part -= taken * np.float32(1 / 255.0)
         np.maximum(part, 0, out=part)
@@ -221,10 +220,6 @@ def _over(face: PlacedFace, box: tuple[int, int, int, int]) -> Bytes:
 
 def _bytes(alpha: NDArray[Any]) -> Bytes:
     return np.asarray(cv2.convertScaleAbs(alpha, alpha=255.0), np.uint8)
-
-
-def _square(side: int) -> Bytes:
-    return np.ones((side, side), np.uint8)
 
 
 def _part(raster: Raster, alpha: Bytes, mask: Bools, first: tuple[int, int]) -> Matte:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats, ramp
-from pvg.raster import Raster
+from pvg._arrays import Bools, Floats, ramp
+from pvg.raster import Raster, block, square
 from pvg.skin.cleanup import goes_over, occupied
 from pvg.skin.color_model import ColorScale
 from pvg.skin.face_in_scene import FaceInScene
@@ -28,7 +28,7 @@ def beyond_box(face: Matte, raster: Raster, face_mask: Floats, by_rules: Floats,
     xs, ys = raster.centers()
     inside = ((ys > y0) & (ys < y1))[:, None] & (xs > x0) & (xs < x1)
     on = ((by_rules > _BODY.beyond) & (hair < _BODY.gap_hair) & ~inside).view(np.uint8)
-    beside = cv2.dilate(((face_mask > 0.5) & inside).view(np.uint8), _square(2 * _TOUCHING + 1)) > 0
+    beside = cv2.dilate(((face_mask > 0.5) & inside).view(np.uint8), square(_TOUCHING)) > 0
     count, labels = cv2.connectedComponents(on, connectivity=4)
     cut = np.bincount(labels[beside], minlength=count) > 0
     cut[0] = False
@@ -46,14 +46,13 @@ def fill_gaps(
     seen, gain: see `hair_odds`.
     """
     likely, of_face = (where.astype(np.uint8) for where in (probability > 0.5, face > _BODY.gap_face))
-    side = 2 * max(1, round(_BODY.gap * seen.head.size)) + 1
     either = likely | of_face
-    closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, _square(side))
+    closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, square(_BODY.gap * seen.head.size))
     gap = (closed > either) & (predicted > _BODY.gap_predicted) & (hair < _BODY.gap_hair)
     if not gap.any():
         return
     count, labels, stats, _ = cv2.connectedComponentsWithStats(gap.astype(np.uint8), connectivity=8)
-    beside = [cv2.dilate(one, _square(3)) > 0 for one in (likely, of_face)]
+    beside = [cv2.dilate(one, square(1)) > 0 for one in (likely, of_face)]
     between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)
     for part in np.flatnonzero(between[1:]) + 1:
         x, y, w, h = (int(v) for v in stats[part, :4])
@@ -119,7 +118,7 @@ def leave_out_hair(probability: Floats, seen: FaceInScene, hair: Floats, scale: 
         mean_hair = float(hair[box][inside].mean())
         if mean_hair < _BODY.hair_least:
             continue
-        near, far = (cv2.dilate(inside.astype(np.uint8), _square(2 * r + 1)) > 0 for r in (1, reach))
+        near, far = (cv2.dilate(inside.astype(np.uint8), square(r)) > 0 for r in (1, reach))
         ring = far & ~near & around[box]
         if int(ring.sum()) < least:
             continue
@@ -149,13 +148,13 @@ def body_parts(probability: Floats, likely: Bools, seen: FaceInScene, before: Fl
     before: (h, w) in [0, 1], how far each cell was kept in the scene before and shows the same now; None without one.
     """
     face = (seen.face_mask > 0.5).astype(np.uint8)
-    joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
+    joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, block(_BODY.join))
     whole: Bools = np.zeros(likely.shape, np.bool_)
     held = occupied(np.asarray(joined, np.uint8))
     if not joined[held].size:
         return whole
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined[held], connectivity=8)
-    touching = cv2.dilate(face, _square(2 * _TOUCHING + 1))[held] > 0
+    touching = cv2.dilate(face, square(_TOUCHING))[held] > 0
     likely, probability, person = likely[held], probability[held], seen.person[held]
     was = None if before is None else before[held]
     kept = np.bincount(labels[touching], minlength=count) > 0
@@ -175,7 +174,3 @@ def body_parts(probability: Floats, likely: Bools, seen: FaceInScene, before: Fl
         kept[part] = float(probability[box][cells].mean()) > least_sure - stays
     whole[held] = likely & kept[labels]
     return whole
-
-
-def _square(side: int) -> Bytes:
-    return np.ones((side, side), np.uint8)

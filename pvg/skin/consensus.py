@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, ramp
-from pvg.raster import Raster
+from pvg.raster import Raster, block, square
 from pvg.skin.matte import Matte
 from pvg.skin.parameters import SKIN_PRIOR
 
@@ -53,7 +53,7 @@ class MatteInTime:
     @cached_property
     def _shown(self) -> Bytes:
         """(h, w) uint8, 1 where alpha may be: a cell more than is visible, or it would fade along the edge."""
-        return np.asarray(cv2.dilate(self.visible.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8)
+        return np.asarray(cv2.dilate(self.visible.astype(np.uint8), square(1)), np.uint8)
 
 
 Frame = TypeVar("Frame")
@@ -120,7 +120,7 @@ def held_to(own: Bytes, usual: Bytes, around: int) -> Bytes:
 
     An edge may be a little off where it usually is, as it is while a head rolls to and fro.
     """
-    cells = np.ones((around, around), np.uint8)
+    cells = block(around)
     return np.asarray(np.clip(own, cv2.erode(usual, cells), cv2.dilate(usual, cells)), np.uint8)
 
 
@@ -129,7 +129,7 @@ def passes(strange: Bytes, part: int) -> Floats:
 
     strange: (h, w) uint8, see `most_off`;  part: the least width of such a thing, cells.
     """
-    kernel = np.ones((part, part), np.uint8)
+    kernel = block(part)
     broad = np.asarray(cv2.morphologyEx(strange, cv2.MORPH_OPEN, kernel), np.uint8)
     return ramp(np.asarray(cv2.dilate(broad, kernel), np.float32), *_CONSENSUS.passing)
 

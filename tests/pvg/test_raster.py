@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from pvg.raster import (
     Raster,
+    block,
     cell_at,
     cell_center,
     cell_middle,
@@ -17,6 +18,7 @@ from pvg.raster import (
     scaled,
     scaled_affine,
     sites,
+    square,
     to_edge,
 )
 
@@ -125,3 +127,9 @@ def test_from_edge_undoes_to_edge() -> None:
     positions = np.array([-0.5, 0.0, 7.25])
     np.testing.assert_array_equal(to_edge(positions), [0.0, 0.5, 7.75])
     np.testing.assert_array_equal(from_edge(to_edge(positions)), positions)
+
+
+def test_a_kernel_reaches_as_far_to_each_side_or_has_so_many_cells() -> None:
+    assert square(2.4).shape == block(5).shape == (5, 5)
+    assert square(0).shape == (3, 3)
+    assert block(2).shape == (2, 2)
