@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import av
 import av.codec
+import av.codec.context
 import av.container
 import av.error
 import av.packet
@@ -28,6 +29,8 @@ Packet: TypeAlias = "av.packet.Packet[av.video.stream.VideoStream]"
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
 _DEMUXERS = {"mp4": "mov", "matroska": "matroska", "avi": "avi"}
+# without it, libav leaves columns that pictures are cropped by on the left where they are, for its memory's alignment
+_EXACT_CROP = av.codec.context.Flags.unaligned
 # from PyAV 19 on tags that are not UTF-8 are always read so, and the argument is gone
 _LENIENT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
 
@@ -172,6 +175,7 @@ def open_clip(path: Path, limits: MediaLimits) -> Iterator[OpenClip]:
         stream.thread_type = "AUTO"
         context = stream.codec_context
         context.thread_count = decoding_threads()
+        context.flags |= _EXACT_CROP
         colors = StatedColors(context.color_primaries, context.color_trc, context.colorspace, context.color_range)
         decoder = _alpha_decoder(stream, limits.max_pixels)
         yield OpenClip(path.name, container, stream, len(streams), decoder, aside, colors)

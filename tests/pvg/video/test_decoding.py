@@ -115,6 +115,18 @@ def test_display_matrices_are_applied(degrees: int, hflip: bool, tmp_path: Path)
         assert info.rotation == -degrees % 360
 
 
+def test_columns_that_pictures_are_cropped_by_are_not_shown(tmp_path: Path) -> None:
+    pictures = [libav_frame(np.roll(colorful(7), 3 * k, 1)) for k in range(4)]
+    whole = encode_raw(tmp_path / "whole.mp4", pictures, "libx264")
+    cropped = encode_raw(tmp_path / "cropped.mp4", pictures, "libx264", **{"x264-params": "crop-rect=6,2,10,4"})
+    info = probe(cropped)
+    assert (info.width, info.height) == (SIZE[0] - 16, SIZE[1] - 6)
+    for frame, other in zip(read_frames(cropped), read_frames(whole), strict=True):
+        for plane, uncropped, step in zip(frame.planes, other.planes, (1, 2, 2), strict=True):
+            rows, columns = slice(2 // step, (SIZE[1] - 4) // step), slice(6 // step, (SIZE[0] - 10) // step)
+            np.testing.assert_array_equal(plane, uncropped[rows, columns])
+
+
 @pytest.mark.parametrize(
     ("degrees", "said"), [(7, "353.0 degrees and is turned by 0"), (-100, "100.0 degrees and is turned by 90")]
 )
