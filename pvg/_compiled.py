@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
-from functools import cache
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, wraps
 from pathlib import Path
-from types import FunctionType
+from types import FrameType, FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
@@ -46,9 +48,54 @@ def kernel(*, fastmath: bool = False, inline: bool = False) -> Callable[[Functio
         dispatcher = numba.njit(**options)(function)
         if not inline and dispatcher is not function:  # NUMBA_DISABLE_JIT gives the function itself
             dispatcher._cache = _KernelCache(function)
+            dispatcher.compile = _undisturbed(dispatcher.compile)
         return cast("Function", dispatcher)
 
     return compiled
+
+
+def _undisturbed(function: Function) -> Function:
+    """The function; signals that come while it works are handled after it."""
+
+    @wraps(function)
+    def held(*given: Any) -> Any:
+        with _signals_held():
+            return function(*given)
+
+    return cast("Function", held)
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Inside the block handlers of signals wait for its end.
+
+    LLVM calls back into Python, where what a handler raises, as that of Ctrl-C does, would be lost, or crash it. Python
+    runs handlers in the main thread alone, so others have nothing to hold.
+    """
+    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+    came: list[int] = []
+    holding = True
+
+    def take(number: int, frame: FrameType | None) -> None:
+        if holding:
+            came.append(number)
+        else:  # one handler raised something before the others were put back
+            handlers[number](number, frame)
+
+    if threading.current_thread() is threading.main_thread():
+        for number in signal.valid_signals():
+            handler = signal.getsignal(number)
+            if callable(handler):
+                handlers[number] = handler
+                signal.signal(number, take)
+    try:
+        yield
+    finally:
+        holding = False
+        for held, handler in handlers.items():
+            signal.signal(held, handler)
+        for taken in came:
+            signal.raise_signal(taken)
 
 
 class _KernelCache:

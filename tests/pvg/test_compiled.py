@@ -5,14 +5,17 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
-from numba.core.caching import IndexDataCacheFile
+from llvmlite.binding.executionengine import ExecutionEngine
+from numba.core.caching import IndexDataCacheFile, NullCache
 
 from pvg import _compiled
 
@@ -183,3 +186,33 @@ def test_a_cache_for_a_named_processor_serves_others(package: Path, monkeypatch:
     monkeypatch.setattr(sys.modules[__name__], "PROBE", OTHER_PROCESSOR + PROBE)
     assert run(package, **named).stdout == COMPILED_NONE
     assert run(package, **home).stdout == COMPILED_ALL, "what was compiled for the host itself serves no other"
+
+
+@pytest.mark.parametrize("callback", [1, 2])
+def test_a_signal_that_comes_in_a_callback_of_llvm_is_handled_after_it(
+    callback: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain, calls = ExecutionEngine._find_module_ptr, count(1)
+
+    def signalled(engine: Any, pointer: int) -> Any:  # both callbacks ask it first
+        if next(calls) == callback:
+            signal.raise_signal(signal.SIGUSR1)
+        return plain(engine, pointer)
+
+    def end(number: int, _: object) -> None:
+        raise KeyboardInterrupt(number)
+
+    @_compiled.kernel()
+    def moved(x: int) -> int:
+        return x + 1
+
+    monkeypatch.setattr(moved, "_cache", NullCache())
+    monkeypatch.setattr(ExecutionEngine, "_find_module_ptr", signalled)
+    before = signal.signal(signal.SIGUSR1, end)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            moved(1)
+        assert signal.getsignal(signal.SIGUSR1) is end
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert moved(1) == 2
