@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,6 +55,17 @@ def warn_of_faces(path: Path, faces: Iterable[FaceSummary]) -> None:
     for face in faces:
         for warning in face.warnings:
             print(f"pvg: warning: {path.name}, face {face.index}: {warning}", file=sys.stderr)
+
+
+def mend_streams() -> None:
+    """Let what is printed go anywhere: a file name that is not in the locale's coding comes out as its bytes, and a
+    standard stream that is closed is opened to nothing, so that no file gets its number.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115 - for as long as the process lasts
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape")
 
 
 class EndedError(KeyboardInterrupt):

@@ -41,6 +41,7 @@ from pvg._terminal import (
     end_quietly,
     ended_by_signals,
     fail,
+    mend_streams,
     print_warnings,
     progress_bars,
     warn_of_faces,
@@ -310,6 +311,7 @@ _COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and turn the library's errors into exit codes."""
+    mend_streams()
     parser = parser_of(_COMMANDS)
     if not (sys.argv[1:] if arguments is None else arguments):
         parser.print_help(sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -351,6 +352,24 @@ def test_a_closed_pipe_ends_quietly(asset: Path, reference_asset: Path) -> None:
             started.stdout.close()
             assert started.stderr.read() == b""
         assert started.returncode == 141
+
+
+def test_names_in_another_coding_are_printed_as_their_bytes(asset: Path, tmp_path: Path) -> None:
+    target = tmp_path / os.fsdecode(b"m\xff.png")
+    command = [str(Path(sys.executable).with_name("pvg")), "inspect", str(asset), "--layer", "matte", "-o", str(target)]
+    strict = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}  # as in most locales, not in that of C
+    done = subprocess.run(command, env=strict, capture_output=True, timeout=300, check=True)
+    assert done.stdout == os.fsencode(target) + b"\n"
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams_do_not_matter(closed: str, samples: Samples, tmp_path: Path) -> None:
+    command = [str(Path(sys.executable).with_name("pvg")), "vectorize", str(samples.pale_portrait)]
+    for target in (tmp_path / "open.pvg", tmp_path / "closed.pvg"):
+        redirected = f'exec "$@" {closed if target.stem == "closed" else ""}'
+        shell = ["sh", "-c", redirected, "sh", *command, "-o", str(target)]
+        subprocess.run(shell, stdout=subprocess.DEVNULL, timeout=300, check=True)
+    assert (tmp_path / "closed.pvg").read_bytes() == (tmp_path / "open.pvg").read_bytes()
 
 
 def test_bad_input_exits_with_3_and_one_line(run: Run, samples: Samples, tmp_path: Path) -> None:
