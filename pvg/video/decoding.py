@@ -29,6 +29,7 @@ from pvg.video.formats import (
 from pvg.video.opening import OpenClip
 
 _BT709 = 1
+_FEW_BITS = tuple(f"{order}5{green}5{end}" for order in ("rgb", "bgr") for green in (5, 6) for end in ("le", "be"))
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,8 @@ def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> l
         luma, *chroma = (_plane_of(picture, component.plane, coded) for component in picture.format.components[:3])
         raised: list[Plane] = [raise_chroma(plane, coded, picture.width, picture.height) for plane in chroma]
         return [luma, *raised]
+    if target.is_rgb and source in _FEW_BITS:  # the way to planes adds zeros to these bits, so that white is grey
+        picture = picture.reformat(format="rgb24", threads=SCALER_THREADS)
     if source.replace("yuva", "yuv").replace("gbrap", "gbrp") != target.name:
         full = RANGE_FULL if target.full_range else RANGE_LIMITED
         picture = picture.reformat(

@@ -62,6 +62,15 @@ def test_other_layouts_become_the_nearest_one_with_the_same_colours(coded: str, 
     assert np.abs(frame.rgb().astype(int) - rgb).mean() < (5.0 if coded == "yuv411p" else 2.5)
 
 
+@pytest.mark.parametrize("coded", ["rgb555le", "rgb555be", "rgb565le", "bgr565be"])
+def test_white_of_five_bits_stays_white(coded: str) -> None:
+    raw = av.VideoFrame(*SIZE, coded)
+    raw.planes[0].update(b"\xff" * raw.planes[0].buffer_size)
+    target = resolve_format(coded, *SIZE, 2, 0)
+    frame = to_frame(raw, DecodingPlan(SIZE, coded, target, _upright()), 0, 0, Fraction(1, 25))
+    assert [np.unique(plane).tolist() for plane in frame.planes] == [[255]] * 3
+
+
 def test_uncoded_samples_beyond_the_depth_are_refused_with_their_frame(tmp_path: Path) -> None:
     path = tmp_path / "raw.mkv"
     with av.open(str(path), "w", options={"strict": "unofficial", "allow_raw_vfw": "1"}) as output:
