@@ -2,9 +2,10 @@
 
 A glint on glasses or a patch of noise can open a hole in a matte for a frame or two, and an ear or a strip of neck can
 be taken in for as long. So each cell is held to the median over five frames, two before and two after, of it and its
-neighbours: what lasts three frames stays, edges stay where they are, and shorter changes go. What really passes in
-front of the face may be that short: where a large part of the picture itself leaves its own median, or where something
-of another hue does, the frame's own matte holds.
+neighbours: what lasts three frames stays, edges stay where they are, and shorter changes go. Where the picture is alike
+in all of them, no neighbour is asked: there the cell's own median counts. What really passes in front of the face may
+be that short: where a large part of the picture itself leaves its own median, or where something of another hue does,
+the frame's own matte holds.
 
 Cells lie in the face's box, which goes with the face, so that a cell sees nearly the same place of it in five frames.
 """
@@ -104,15 +105,26 @@ class MatteConsensus(Consensus[MatteInTime, Matte]):
 def _consensus_of(window: Sequence[MatteInTime]) -> Matte:
     """The matte in the middle of five."""
     own = window[REACH]
-    alpha = held_to(own.alpha, _median(*(frame.alpha for frame in window)), _CONSENSUS.around)
+    usual = _median(*(frame.alpha for frame in window))
+    strange = most_off(own.rgb, _median(*(frame.rgb for frame in window)))
+    alpha = _held_where_alike(own.alpha, usual, strange)
     if (alpha == own.alpha).all():
         return own.matte(own.alpha, own.mask)
-    strange = most_off(own.rgb, _median(*(frame.rgb for frame in window)))
     of_other_hue = np.asarray(own.occluder * ramp(strange.astype(np.float32), *_CONSENSUS.colored), np.float32)
     weight = np.maximum(passes(strange, _CONSENSUS.part), of_other_hue)
     mixed = alpha + weight * (own.alpha.astype(np.float32) - alpha)
     changed = np.rint(mixed).astype(np.uint8)
     return own.matte(changed, np.where(changed == own.alpha, own.mask, changed >= 128))
+
+
+def _held_where_alike(own: Bytes, usual: Bytes, strange: Bytes) -> Floats:
+    """A matte (h, w) held to what is usual (h, w): in the cell itself where the picture is alike, else around it.
+
+    strange: (h, w) uint8, see `most_off`.
+    """
+    alike = 1 - ramp(cv2.blur(strange, (3, 3)).astype(np.float32), *_CONSENSUS.colored)
+    around = held_to(own, usual, _CONSENSUS.around)
+    return np.asarray(around + alike * (usual.astype(np.float32) - around), np.float32)
 
 
 def held_to(own: Bytes, usual: Bytes, around: int) -> Bytes:

@@ -62,6 +62,25 @@ def test_a_patch_of_one_or_two_frames_is_not_taken_in(length: int) -> None:
         assert matte.alpha[:, 43:].max() == 0
 
 
+@pytest.mark.parametrize("length", [1, 2])
+def test_a_narrow_strip_does_not_open_where_the_picture_is_alike(length: int) -> None:
+    strip = np.zeros(SHAPE, np.uint8)
+    strip[10:50, 20:25] = 255
+    alphas = [strip.copy() for _ in range(FRAMES)]
+    for alpha in alphas[5 : 5 + length]:
+        alpha[25:35] = 0
+    for matte in agreed([in_time(alpha) for alpha in alphas]):
+        np.testing.assert_array_equal(matte.alpha, strip)
+
+
+def test_an_edge_that_shakes_stays_with_its_picture() -> None:
+    """A box may be a cell off for a frame."""
+    alphas = [np.roll(skin(), k % 2, axis=1) for k in range(FRAMES)]
+    frames = [in_time(alpha, np.repeat(alpha[..., None], 3, axis=2)) for alpha in alphas]
+    for matte, alpha in zip(agreed(frames), alphas, strict=True):
+        np.testing.assert_array_equal(matte.alpha, alpha)
+
+
 def test_a_hole_of_three_frames_opens_when_it_does() -> None:
     alphas = [skin() for _ in range(FRAMES)]
     for alpha in alphas[5:8]:
