@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 from pathlib import Path
 from types import FrameType, FunctionType
@@ -82,20 +82,22 @@ def _signals_held() -> Iterator[None]:
         else:  # one handler raised something before the others were put back
             handlers[number](number, frame)
 
-    if threading.current_thread() is threading.main_thread():
-        for number in signal.valid_signals():
-            handler = signal.getsignal(number)
-            if callable(handler):
-                handlers[number] = handler
-                signal.signal(number, take)
     try:
+        if threading.current_thread() is threading.main_thread():
+            for number in signal.valid_signals():
+                handler = signal.getsignal(number)
+                if callable(handler):
+                    handlers[number] = handler
+                    signal.signal(number, take)
         yield
     finally:
         holding = False
         for held, handler in handlers.items():
             signal.signal(held, handler)
-        for taken in came:
-            signal.raise_signal(taken)
+        with ExitStack() as all_of_them:  # though one of them raises something
+            for taken in reversed(came):
+                # not raised anew: a loop of asyncio has been told of it already
+                all_of_them.callback(handlers[taken], taken, None)
 
 
 class _KernelCache:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import os
 import shutil
@@ -9,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -216,3 +218,68 @@ def test_a_signal_that_comes_in_a_callback_of_llvm_is_handled_after_it(
     finally:
         signal.signal(signal.SIGUSR1, before)
     assert moved(1) == 2
+
+
+@contextmanager
+def handled(number: int, handler: Callable[[int, object], object]) -> Iterator[None]:
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+def interrupt(number: int, _: object) -> None:
+    raise KeyboardInterrupt(number)
+
+
+def test_handlers_are_put_back_though_one_raises_before_all_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended the holding with some of them held: what they were for never came again."""
+    plain = signal.signal
+    held: list[int] = []
+
+    def signalled(number: int, handler: Any) -> Any:
+        if number == signal.SIGUSR1 and not held:
+            held.append(number)
+            signal.raise_signal(number)
+        return plain(number, handler)
+
+    with handled(signal.SIGUSR1, interrupt):
+        before = {number: signal.getsignal(number) for number in signal.valid_signals()}
+        monkeypatch.setattr(signal, "signal", signalled)
+        with pytest.raises(KeyboardInterrupt), _compiled._signals_held():
+            pass
+        monkeypatch.undo()
+        after = {number: signal.getsignal(number) for number in before}
+        for number, handler in before.items():
+            if after[number] is not handler:
+                signal.signal(number, handler)
+    assert held
+    assert after == before
+
+
+def test_all_signals_that_were_held_are_handled_though_one_raises() -> None:
+    told: list[int] = []
+
+    def signalled() -> None:
+        signal.raise_signal(signal.SIGUSR1)
+        signal.raise_signal(signal.SIGUSR2)
+        assert told == []
+
+    with handled(signal.SIGUSR1, interrupt), handled(signal.SIGUSR2, lambda number, _: told.append(number)):
+        with pytest.raises(KeyboardInterrupt):
+            _compiled._undisturbed(signalled)()
+        assert told == [signal.SIGUSR2]
+
+
+def test_a_loop_is_told_once_of_a_signal_that_was_held() -> None:
+    told: list[int] = []
+
+    async def work() -> None:
+        asyncio.get_running_loop().add_signal_handler(signal.SIGUSR2, told.append, 1)
+        with _compiled._signals_held():
+            signal.raise_signal(signal.SIGUSR2)
+        await asyncio.sleep(0.05)
+
+    asyncio.run(work())
+    assert told == [1]
