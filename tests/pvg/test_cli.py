@@ -372,6 +372,14 @@ def test_closed_standard_streams_do_not_matter(closed: str, samples: Samples, tm
     assert (tmp_path / "closed.pvg").read_bytes() == (tmp_path / "open.pvg").read_bytes()
 
 
+def test_a_closed_standard_error_takes_names_in_another_coding(tmp_path: Path) -> None:
+    named = tmp_path / os.fsdecode(b"m\xff.mp4")
+    named.write_text("hello")
+    command = [str(Path(sys.executable).with_name("pvg")), "vectorize", str(named), "-o", str(tmp_path / "out.pvg")]
+    done = subprocess.run(["sh", "-c", 'exec "$@" 2>&-', "sh", *command], timeout=300, check=False)
+    assert done.returncode == 3
+
+
 def test_bad_input_exits_with_3_and_one_line(run: Run, samples: Samples, tmp_path: Path) -> None:
     text, ground = tmp_path / "text.mp4", tmp_path / "ground.mp4"
     text.write_text("hello")
