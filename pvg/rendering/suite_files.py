@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +52,7 @@ def export(
     look: Look,
     folder: str | Path,
     *,
-    parts: Collection[SuiteFile] = SUITE_FILES,
+    parts: Iterable[SuiteFile] = SUITE_FILES,
     matte: MatteFormat = "ffv1",
     size: int = CUBE_SIZE,
     keep: Iterable[str | Path] = (),
