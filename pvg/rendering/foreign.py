@@ -116,6 +116,9 @@ class _Window:
 
     def foreign(self) -> Floats:
         """(r, c) in [0, 1], how far pixels are no skin up to an edge, 0 near the matte's end and beyond."""
+        alone = self.tables.foreign(self._codes, self._inside, self._lips)
+        if not alone.any():
+            return alone  # as of lips in a plain red, for which a face is looked at often
         blue, red, known = self._around()
         inside = self._inside & (known > 0.5)
         found = self.tables.foreign(self._codes, inside, self._lips, np.stack([blue, red]))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg._arrays import Bytes, Doubles
+from pvg._arrays import Bytes, Doubles, Floats
 from pvg.asset import FaceInFrame, FaceRecord
 from pvg.face import layout
 from pvg.looks import LookMap, SkinMap
 from pvg.looks.exposure import at_exposure
-from pvg.rendering import Renderer, source_frame
+from pvg.rendering import Renderer, foreign, source_frame
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves
 from pvg.rendering.foreign import own_tables, skin_of, without_foreign
@@ -63,6 +63,25 @@ def test_plain_colours_are_told_from_skin_and_grey(pixel_format: PixelFormat) ->
 def test_lips_may_be_painted_in_any_red() -> None:
     np.testing.assert_array_equal(_told(RGB24, RED, (180, 20, 60), lips=True), 0)
     np.testing.assert_array_equal(_told(RGB24, YELLOW, BLUE, lips=True), 1)
+
+
+def test_for_painted_lips_the_skin_around_is_not_looked_at(placed: PlacedFace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most faces with red lips are looked at closely; all that is dear in it waits for something that is no lips."""
+    marks, lips = placed.data.landmarks, np.zeros((360, 640), np.uint8)
+    cv2.fillPoly(lips, [np.rint(marks.points[layout.LIPS_OUTER]).astype(np.int32)], 1)
+    looked: list[foreign._Window] = []
+    around = foreign._Window._around
+
+    def seen(window: foreign._Window) -> Floats:
+        looked.append(window)
+        return around(window)
+
+    monkeypatch.setattr(foreign._Window, "_around", seen)
+    tables, corner = _tables(YUV422_10), (placed.x, placed.y)
+    frame = frame_of(np.where(lips[..., None] > 0, np.array(RED), SKIN), YUV422_10)
+    assert foreign._Window(frame, corner, placed.alpha, tables, marks, 2).may_be_foreign
+    assert without_foreign(frame, corner, placed.alpha, tables, marks) is placed.alpha
+    assert not looked
 
 
 def _lettered(placed: PlacedFace) -> tuple[Doubles, tuple[slice, slice]]:
