@@ -74,12 +74,12 @@ def _signals_held() -> Iterator[None]:
     """
     handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
     came: list[int] = []
-    holding = True
+    holding, here = True, threading.get_ident()
 
     def take(number: int, frame: FrameType | None) -> None:
-        if holding:
+        if holding and threading.get_ident() == here:
             came.append(number)
-        else:  # one handler raised something before the others were put back
+        else:  # one handler raised something before the others were put back, or another thread forked this process
             handlers[number](number, frame)
 
     try:

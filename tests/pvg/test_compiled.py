@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -283,3 +284,19 @@ def test_a_loop_is_told_once_of_a_signal_that_was_held() -> None:
 
     asyncio.run(work())
     assert told == [1]
+
+
+def test_a_process_that_another_thread_forks_meanwhile_has_its_handlers() -> None:
+    """The thread is the main one there, and nothing is being compiled."""
+    told: list[int] = []
+
+    def as_after_the_fork() -> None:
+        handler = signal.getsignal(signal.SIGUSR2)
+        assert callable(handler)
+        handler(signal.SIGUSR2, None)
+
+    with handled(signal.SIGUSR2, lambda number, _: told.append(number)), _compiled._signals_held():
+        thread = threading.Thread(target=as_after_the_fork)
+        thread.start()
+        thread.join()
+        assert told == [signal.SIGUSR2]
