@@ -3,7 +3,7 @@
 A glint on glasses or a patch of noise can open a hole in a matte for a frame or two, and an ear or a strip of neck can
 be taken in for as long. So each cell is held to the median over five frames, two before and two after, of it and its
 neighbours: what lasts three frames stays, edges stay where they are, and shorter changes go. Where the picture is alike
-in all of them, no neighbour is asked: there the cell's own median counts. What really passes in front of the face may
+in all of them, a cell that is far off its own median is held to that. What really passes in front of the face may
 be that short: where a large part of the picture itself leaves its own median, or where something of another hue does,
 the frame's own matte holds.
 
@@ -118,13 +118,15 @@ def _consensus_of(window: Sequence[MatteInTime]) -> Matte:
 
 
 def _held_where_alike(own: Bytes, usual: Bytes, strange: Bytes) -> Floats:
-    """A matte (h, w) held to what is usual (h, w): in the cell itself where the picture is alike, else around it.
+    """A matte (h, w) held to what is usual (h, w): around each cell, and in it where it is far off though the picture
+    is alike. An edge that moves by less than a cell is not so far off, and a dark one hardly seen to move.
 
     strange: (h, w) uint8, see `most_off`.
     """
     alike = 1 - ramp(cv2.blur(strange, (3, 3)).astype(np.float32), *_CONSENSUS.colored)
+    off = ramp(cv2.absdiff(own, usual).astype(np.float32), *_CONSENSUS.off)
     around = held_to(own, usual, _CONSENSUS.around)
-    return np.asarray(around + alike * (usual.astype(np.float32) - around), np.float32)
+    return np.asarray(around + alike * off * (usual.astype(np.float32) - around), np.float32)
 
 
 def held_to(own: Bytes, usual: Bytes, around: int) -> Bytes:
