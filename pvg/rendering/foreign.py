@@ -144,19 +144,28 @@ class _Window:
 
         What goes over into other colours is skin in the light of a lamp.  known: (r, c) where steps can be told.
         """
-        part = (found > 0).view(np.uint8)
+        every = (found > 0).view(np.uint8)
+        x, y, w, h = cv2.boundingRect(every)
+        far = 2 * self._beside  # what is beside a part, and what that is measured by
+        box = slice(max(y - far, 0), y + h + far), slice(max(x - far, 0), x + w + far)
+        part = every[box]
         count, labels = cv2.connectedComponents(part, connectivity=8)
         beside = cv2.dilate(labels.astype(np.float32), square(self._beside)).astype(np.int32) * (part == 0)
-        ring = (beside > 0) & known & ~self._lips
-        steps = self._steps_to(part.astype(np.float32))[ring]
+        ring = (beside > 0) & (known & ~self._lips)[box]
+        steps = self._steps_to(part.astype(np.float32), self._codes[:, *box])[ring]
         seen, step = (np.bincount(beside[ring], one, count) for one in (None, steps))
         kept = step >= _STEP * seen
         kept[0] = False
-        return np.asarray(kept[labels], np.bool_)
+        apart = np.zeros(found.shape, np.bool_)
+        apart[box] = kept[labels]
+        return apart
 
-    def _steps_to(self, part: Floats) -> Floats:
-        """(r, c) how far each pixel is off the mean of those of a part (r, c) that lie near, as d is measured."""
-        off = self.tables.off_usual_in_d(self._codes)
+    def _steps_to(self, part: Floats, codes: Floats) -> Floats:
+        """(r, c) how far each pixel is off the mean of those of a part (r, c) that lie near, as d is measured.
+
+        codes: (3, r, c) luma and chroma.
+        """
+        off = self.tables.off_usual_in_d(codes)
         side = 2 * self._beside + 1
         mass, *sums = (cv2.blur(one, (side, side)) for one in (part, *(part * off)))
         return np.asarray(np.hypot(*(off - np.stack(sums) / np.maximum(mass, np.float32(1e-6)))), np.float32)
