@@ -66,9 +66,8 @@ class ConsensusNumbers:
 
     passing: Range = (30.0, 60.0)  # [by eye]: something large passes, from noise and glints of glasses on
     around: int = 5  # cells [by eye]: twice, and one, how far an edge may be off where it usually is
-    # of a cell's alpha, 0-255, off its median, from which to which a hole opens where the picture is alike, and no edge
-    # moves by less than a cell [measured: with (96, 192) a strip blinks by a fifth, with (0, 0) edges in the dark lag]
-    off: Range = (48.0, 112.0)
+    # of a cell's alpha, 0-255, off its median: from which to which it is held to that where the picture is alike
+    off: Range = (48.0, 112.0)  # [measured: from 96 on a strip blinks by a fifth, from 0 on edges in the dark lag]
     part: int = 7  # cells [by eye]: the least width of such a thing
     body_around: int = 3  # both of a body, whose cells are larger [by eye]
     body_part: int = 3  # a finger [by eye]
