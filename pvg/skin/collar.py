@@ -12,7 +12,7 @@ import numpy as np
 
 from pvg._arrays import Bytes, Floats, smoothstep
 from pvg.picture import LUMA
-from pvg.raster import block
+from pvg.raster import square
 from pvg.skin.cleanup import occupied
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
@@ -38,9 +38,8 @@ def collar(rgb: Bytes, probability: Floats, head: HeadShape) -> Floats:
     if not out[rows, columns].size:
         return out
     part, skin = rgb[rows, columns].astype(np.float32), probability[rows, columns]
-    side = 2 * _COLLAR.edge + 1
     likely = (skin > _COLLAR.skin).astype(np.uint8)
-    inner = cv2.erode(likely, block(side), borderType=cv2.BORDER_REPLICATE).astype(np.float32)
+    inner = cv2.erode(likely, square(_COLLAR.edge), borderType=cv2.BORDER_REPLICATE).astype(np.float32)
     luma = part @ _LUMA
     chroma = np.hypot(part[..., 0] - luma, part[..., 2] - luma) / np.maximum(luma, _LEAST_LUMA)
     sigma = max(1.0, _COLLAR.around * head.size)

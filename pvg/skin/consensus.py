@@ -57,23 +57,23 @@ class MatteInTime:
         return np.asarray(cv2.dilate(self.visible.astype(np.uint8), square(1)), np.uint8)
 
 
-Frame = TypeVar("Frame")
+Given = TypeVar("Given")
 Agreed = TypeVar("Agreed")
 
 
-class Consensus(Generic[Frame, Agreed]):
+class Consensus(Generic[Given, Agreed]):
     """Brings the frames of a track, in order, to what those around each agree on, REACH to either side.
 
     The first and the last frame stand for what is beyond them.
     """
 
-    def __init__(self, agreed: Callable[[Sequence[Frame]], Agreed]) -> None:
+    def __init__(self, agreed: Callable[[Sequence[Given]], Agreed]) -> None:
         """agreed: what is made of the frame in the middle of 2 REACH + 1."""
         self._agreed = agreed
-        self._window: deque[Frame] = deque(maxlen=2 * REACH + 1)
+        self._window: deque[Given] = deque(maxlen=2 * REACH + 1)
         self._behind = 0  # of the window, frames not given yet
 
-    def add(self, frame: Frame) -> Agreed | None:
+    def add(self, frame: Given) -> Agreed | None:
         """Take the next frame; what the one REACH frames before it becomes, None while there is none."""
         if not self._window:
             self._window.extend([frame] * REACH)
@@ -118,8 +118,9 @@ def _consensus_of(window: Sequence[MatteInTime]) -> Matte:
 
 
 def _held_where_alike(own: Bytes, usual: Bytes, strange: Bytes) -> Floats:
-    """A matte (h, w) held to what is usual (h, w): around each cell, and in it where it is far off though the picture
-    is alike. An edge that moves by less than a cell is not so far off, and a dark one hardly seen to move.
+    """A matte (h, w) held to what is usual (h, w) around each cell, or in it: where it is far off in a like picture.
+
+    What is off by less may be an edge that moves within a cell, which in the dark is hardly seen to.
 
     strange: (h, w) uint8, see `most_off`.
     """

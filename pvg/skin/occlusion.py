@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Floats
-from pvg.raster import block
+from pvg.raster import square
 from pvg.skin._kernels import HueLine, foreign_hue, hue_distance
 from pvg.skin.color_model import ColorScale
 from pvg.skin.parameters import SKIN_PRIOR
@@ -59,8 +59,7 @@ def occluder_alpha(lab: Floats, scale: ColorScale, was_open: Floats, prior: Spat
         return np.zeros(known.shape, np.float32)
     solid = np.where(cv2.dilate(kept[labels].astype(np.uint8), _NEIGHBOURS) > 0, solid, 0)
     # features have hues of their own: what lies in front of one of them is told by what lies on both sides of it
-    reach = 2 * max(1, round(_OCCLUSION.between * prior.size)) + 1
-    between = cv2.morphologyEx(solid, cv2.MORPH_CLOSE, block(reach))
+    between = cv2.morphologyEx(solid, cv2.MORPH_CLOSE, square(_OCCLUSION.between * prior.size))
     solid = np.where(prior.features, np.minimum(_foreign_hue(lab, scale, prior.features), between), solid)
     grown = cv2.dilate(solid, _NEIGHBOURS)
     soft = cv2.GaussianBlur(grown, (0, 0), _OCCLUSION.soft)
