@@ -107,6 +107,7 @@ class _Job:
 
 def _targets(paths: Sequence[str | Path | BinaryIO], videos: Sequence[VectorVideo]) -> list[Path | BinaryIO]:
     """Where results go. Raises ValueError or OSError where they cannot, or would replace what is drawn on."""
+    check_vectorized(*videos)
     targets = [Path(path) if isinstance(path, (str, os.PathLike)) else path for path in paths]
     for target in targets:
         if not isinstance(target, Path) and (isinstance(target, TextIOBase) or not hasattr(target, "write")):
@@ -222,6 +223,7 @@ def _render_clip(
 
 def source_frame(video: VectorVideo, index: int) -> Frame:
     """Frame `index` of the source clip, not to be written to. Raises `ValueError` when there is none."""
+    check_vectorized(video)
     index = whole_number("index", index, low=None)
     check_index(video, index)
     check_in_full(video)

@@ -16,7 +16,7 @@ from pvg._checks import whole_number
 from pvg._targets import check_files
 from pvg._threads import one_blas_thread
 from pvg._version import __version__
-from pvg.asset import VectorVideo
+from pvg.asset import VectorVideo, check_vectorized
 from pvg.looks import Look
 from pvg.memory import looks_at_once
 from pvg.rendering.canvas import Canvas, Encoding, plans_of, stored_canvas, stored_frames
@@ -114,6 +114,7 @@ def _of_parts(video: VectorVideo, crf: int | None, preset: str | None) -> ClipOf
 def _targets(
     video: VectorVideo, items: Sequence[object], paths: Sequence[str | Path], inputs: Sequence[Path] = ()
 ) -> list[Path]:
+    check_vectorized(video)
     check_paths(items, paths)
     targets = [Path(path) for path in paths]
     check_files(targets, [video.source, video.path, *inputs])

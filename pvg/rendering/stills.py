@@ -11,7 +11,7 @@ import numpy as np
 
 from pvg._arrays import Bytes
 from pvg._threads import one_blas_thread
-from pvg.asset import FaceInFrame, VectorVideo
+from pvg.asset import FaceInFrame, VectorVideo, check_vectorized
 from pvg.looks import Look
 from pvg.rendering.canvas import check_index, count_of_file, frame_of_file, frames_of_file
 from pvg.rendering.layers import layer
@@ -44,6 +44,7 @@ class Stills:
     """
 
     def __init__(self, video: VectorVideo) -> None:
+        check_vectorized(video)
         self.video = video
         self._frames: OrderedDict[int, Frame] = OrderedDict()
         # of a reference only the beginning was read

@@ -19,7 +19,7 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg._targets import check_files, check_folder, check_folder_of_files
 from pvg._threads import ahead, one_blas_thread
-from pvg.asset import VectorVideo
+from pvg.asset import VectorVideo, check_vectorized
 from pvg.haze import cleared
 from pvg.looks import CUBE_SIZE, Look, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.rendering.canvas import Canvas, frame_of_file, stored_canvas
@@ -70,6 +70,7 @@ def export(
     a look of another clip and files in the place of the clip or asset or of `keep`, further files that are not to be
     replaced; `OSError` where the files cannot be written. Numbered pictures of an export before are removed.
     """
+    check_vectorized(video)
     _check_sequence("parts", parts)
     _check_sequence("keep", keep)
     parts = tuple(parts)  # looked at more than once

@@ -14,6 +14,7 @@ from pvg.looks.complexion import complexion
 from pvg.looks.exposure import at_exposure
 from pvg.looks.opponent import to_rgb
 from pvg.looks.transfer import _into_gamut
+from pvg.rendering import Stills, join_parts, render_part
 from pvg.video import VideoWriter, probe, read_frames
 from scripts.samples import Samples
 
@@ -162,13 +163,20 @@ def test_parameters_out_of_range_are_named(
 def test_a_path_in_the_place_of_a_video_is_told_what_to_do(
     video: pvg.VectorVideo, samples: Samples, tmp_path: Path
 ) -> None:
-    path, out = samples.pale_portrait, tmp_path / "out.mp4"
+    path, out, look = samples.pale_portrait, tmp_path / "out.mp4", pvg.transfer(video, video)
     calls: list[Callable[[], object]] = [
         lambda: pvg.transfer(video, path),  # type: ignore[arg-type]
         lambda: pvg.transfer(str(path), video),  # type: ignore[arg-type]
         lambda: pvg.exchange(path, (0, 1)),  # type: ignore[arg-type]
         lambda: pvg.swap(video, path, [out, out]),  # type: ignore[arg-type]
         lambda: pvg.swap(str(path), paths=out, faces=(0, 1)),  # type: ignore[arg-type]
+        lambda: pvg.render(path, [look], [out]),  # type: ignore[arg-type]
+        lambda: render_part(path, [look], [out], start=0, stop=1, container="mp4"),  # type: ignore[arg-type]
+        lambda: join_parts(path, [[out]], [out]),  # type: ignore[arg-type]
+        lambda: pvg.render_frame(path, look, 0),  # type: ignore[arg-type]
+        lambda: pvg.layer(path, 0, "mask"),  # type: ignore[arg-type]
+        lambda: pvg.export(path, look, tmp_path),  # type: ignore[arg-type]
+        lambda: Stills(path),  # type: ignore[arg-type]
     ]
     for call in calls:
         with pytest.raises(ValueError, match=r"is a path: give what pvg\.vectorize or pvg\.open_asset returns"):
