@@ -47,6 +47,7 @@ def render_part(
     """
     targets = _targets(video, looks, paths)
     memory_bytes = whole_number("memory_bytes", memory_bytes, 1)
+    start, stop = whole_number("start", start, low=None), whole_number("stop", stop, low=None)
     for look in looks:
         look.check_fits(video)
     if not 0 <= start < stop <= video.frame_count:

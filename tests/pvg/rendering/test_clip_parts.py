@@ -193,6 +193,8 @@ def test_what_has_no_parts_is_said(video: pvg.VectorVideo, group: pvg.VectorVide
     for start, stop in ((0, 41), (5, 5), (-1, 4), (40, 41)):
         with pytest.raises(ValueError, match="no frames of a clip of 40"):
             render_part(video, own, [path], start=start, stop=stop, container="mp4")
+    with pytest.raises(ValueError, match=r"stop must be a whole number, not 8\.0"):
+        render_part(video, own, [path], start=0, stop=8.0, container="mp4")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="render it whole"):
         render_part(video, own, [path], start=0, stop=9, container="nut")
     with pytest.raises(ValueError, match="render it whole"):
@@ -200,6 +202,13 @@ def test_what_has_no_parts_is_said(video: pvg.VectorVideo, group: pvg.VectorVide
     with pytest.raises(ValueError, match="paths"):
         join_parts(video, [[path]], [])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_where_a_part_is_may_be_numbers_of_numpy(video: pvg.VectorVideo, tmp_path: Path) -> None:
+    own, plain, of_numpy = [pvg.transfer(video, video)], tmp_path / "plain.part", tmp_path / "numpy.part"
+    render_part(video, own, [plain], start=4, stop=7, container="mp4")
+    render_part(video, own, [of_numpy], start=np.int64(4), stop=np.int64(7), container="mp4")  # type: ignore[arg-type]
+    assert plain.read_bytes() == of_numpy.read_bytes()
 
 
 def test_parts_replace_nothing_that_they_are_made_from(
