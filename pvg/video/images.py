@@ -172,7 +172,7 @@ def write_image(
     suffix = path.suffix.lower()
     if suffix not in _WRITE_OPTIONS:
         raise ValueError(f"{path.name}: a picture is written as {', '.join(sorted(_WRITE_OPTIONS))}")
-    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype not in (np.uint8, np.uint16):
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or not rgb.size or rgb.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"a picture is (H, W, 3) uint8 or uint16, not {rgb.shape} {rgb.dtype}")
     if alpha is not None and (alpha.shape != rgb.shape[:2] or alpha.dtype != rgb.dtype):
         raise ValueError(f"alpha is {alpha.shape} {alpha.dtype}, the picture is {rgb.shape[:2]} {rgb.dtype}")

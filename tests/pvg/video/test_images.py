@@ -71,6 +71,14 @@ def with_profile(path: Path, rgb: np.ndarray, icc: bytes) -> Path:
     return path
 
 
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".jpg", ".webp"])
+@pytest.mark.parametrize("size", [(0, 0), (0, 5), (5, 0)])
+def test_a_picture_of_no_pixels_is_not_written(suffix: str, size: tuple[int, int], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a picture is"):
+        write_image(tmp_path / f"empty{suffix}", np.zeros((*size, 3), np.uint8))
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".tif"])
 def test_a_picture_with_a_profile_is_looked_at_through_it(suffix: str, tmp_path: Path) -> None:
     skin = np.full((40, 60, 3), (200, 150, 130), np.uint8)
