@@ -118,7 +118,7 @@ def y4m_frames(name: str, source: BinaryIO, begun: bytes, target: PixelFormat, h
     shapes = target.plane_shapes(header.width, header.height)
     step, index = 1 / header.frame_rate, 0
     while True:
-        mark = begun + line(source)
+        mark = begun if begun.endswith(b"\n") else begun + line(source)
         begun = b""
         if not mark:
             return

@@ -71,10 +71,11 @@ def test_the_first_line_says_what_it_is() -> None:
 
 
 def test_the_shortest_first_line_is_read() -> None:
-    content = b"YUV4MPEG2 W2 H2 F1:1\nFRAME\n" + bytes([16] * 4 + [128] * 2)
-    with PipeReader(io.BytesIO(content)) as clip:
-        (frame,) = clip.frames
-    assert frame.planes[0].tolist() == [[16, 16], [16, 16]]
+    """As long as what is read to know the format, with the mark of the first frame or without."""
+    for size, head in ((2, b"YUV4MPEG2 W2 H2 F1:1\n"), (1, b"YUV4MPEG2 W1 H1 F1\n")):
+        content = head + (b"FRAME\n" + bytes([16] * size * size + [128] * 2)) * 2
+        with PipeReader(io.BytesIO(content)) as clip:
+            assert [frame.planes[0].tolist() for frame in clip.frames] == [[[16] * size] * size] * 2
 
 
 @pytest.mark.parametrize(
