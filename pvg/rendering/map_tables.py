@@ -78,42 +78,44 @@ class MapTables:
 
         gain, kept, tint: see `KeyExposure`;  region: see `LookMap.usual_colors`.
         """
-        opponent = pixel_format.opponent
-        usual, goal = (np.array(tint) * colors for colors in look_map.usual_colors(region))
-        coding = Coding(pixel_format, look_map.haze)
-        source, target = (
-            np.asarray(coding.colors(colors) + opponent.offset, np.float64) for colors in (gain * usual, kept * goal)
-        )
-        codes = np.arange(2.0**pixel_format.depth)
-        gained = _read(codes, source[:, 0], target[:, 0] - source[:, 0])
-        slopes = np.diff(gained, prepend=gained[0])
-        middle = int(np.argmin(np.abs(codes - source[128, 0])))
-        summed = np.cumsum(np.maximum(slopes, 0))
-        rise = summed - summed[middle]
-        fall = gained - rise
-        excess = look_map.strength * (look_map.skin.spread * kept / gain - 1.0)
-        chroma = [
-            look_map.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
-            - excess * _read(codes, source[:, 0], source[:, p])
-            for p in (1, 2)
-        ]
-        offset = opponent.offset.astype(np.float32)
-        own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
+        coding, skin, strength = Coding(pixel_format, look_map.haze), look_map.skin, look_map.strength
+        codes, offset = np.arange(2.0**pixel_format.depth), pixel_format.opponent.offset
+        colors, goals = (np.array(tint) * known for known in look_map.usual_colors(region))
+        # (256, 3) the codes of the usual colours, and those of what F makes of them
+        own, new = (np.asarray(coding.colors(of) + offset, np.float64) for of in (gain * colors, kept * goals))
+
+        def by_code(values: Doubles) -> Doubles:
+            """Values (256,) that go with the usual colours, by luma's code."""
+            return _read(codes, own[:, 0], values)
+
+        middle = int(np.argmin(np.abs(codes - own[128, 0])))
+        tone = strength * np.stack(_rise_and_fall(by_code(new[:, 0] - own[:, 0]), middle))
+        excess = strength * (skin.spread * kept / gain - 1.0)
+        chroma = [strength * by_code(new[:, p] - own[:, p]) - excess * by_code(own[:, p]) for p in (1, 2)]
+        usual = np.asarray([by_code(own[:, p]) - offset[p] for p in (1, 2)], np.float32)
+        grey = 2.0**pixel_format.depth / 256.0 * LEAST_TINGE * coding.of_sdr_chroma(gain * colors)
+        least = by_code(grey).astype(np.float32)
         levels = np.arange(256.0)
-        told_from_grey = np.stack([_read(codes, source[:, 0], each) for each in look_map.told_from_grey(levels)])
-        luma_of = _read(codes, source[:, 0], levels)
-        in_grey = 2.0**pixel_format.depth / 256.0 * LEAST_TINGE * coding.of_sdr_chroma(gain * usual)
-        in_grey = _read(codes, source[:, 0], in_grey)
-        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, in_grey, told_from_grey, luma_of)
-        tone, of_chroma, usual_chroma, least, told, shown = (one.astype(np.float32) for one in tables)
-        share = look_map.strength * kept / gain
-        stays = share * look_map.skin.spread, share * look_map.skin.broad
         bound = np.zeros(len(codes), np.float32)
         if region != "face":
-            lit = _read(codes, source[:, 0], ramp(levels / look_map.skin.own.middle, *_HOLLOW))
-            bound = (_bound(look_map.skin, usual_chroma, least) * lit).astype(np.float32)
-        of_face = look_map.beard, look_map.skin.own.middle
-        return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, shown, bound, *of_face, *stays)
+            lit = by_code(ramp(levels / skin.own.middle, *_HOLLOW))
+            bound = (_bound(skin, usual, least) * lit).astype(np.float32)
+        share = strength * kept / gain
+        return cls(
+            tone=tone.astype(np.float32),
+            chroma=np.asarray(chroma, np.float32),
+            excess=float(excess),
+            offset=offset.astype(np.float32),
+            usual=usual,
+            least=least,
+            told=np.asarray([by_code(each) for each in look_map.told_from_grey(levels)], np.float32),
+            levels=by_code(levels).astype(np.float32),
+            bound=bound,
+            beard=look_map.beard,
+            middle=skin.own.middle,
+            spread=share * skin.spread,
+            broad=share * skin.broad,
+        )
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:
@@ -197,6 +199,14 @@ class MapTables:
         wide = broad if self.excess > 0 else own
         chroma = [_at_codes(broad[..., 0], self.chroma[p - 1]) + self.excess * wide[..., p] for p in (1, 2)]
         return np.asarray(np.stack([luma, *chroma], axis=-1), np.float32)
+
+
+def _rise_and_fall(gained: Doubles, middle: int) -> tuple[Doubles, Doubles]:
+    """What luma gains (n,) by its code, by slopes of T above 1 and below: the first nothing at the code `middle`."""
+    slopes = np.diff(gained, prepend=gained[0])
+    summed = np.cumsum(np.maximum(slopes, 0))
+    rise = summed - summed[middle]
+    return rise, gained - rise
 
 
 def _bound(skin: SkinMap, usual: Floats, least: Floats) -> float:
