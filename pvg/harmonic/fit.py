@@ -16,9 +16,8 @@ from pvg.harmonic.normal_equations import solve_least_squares
 from pvg.harmonic.quadtree import Quadtree, build_quadtree
 from pvg.harmonic.sampling import draw_sample, highlight_trust
 
-SAMPLES = 16_000  # pixels that are fitted [by eye]
-SMOOTHNESS = 1e-2  # μ in units of mean diag(BᵀB) [measured: docs/decisions/0052]
-
+_SAMPLES = 16_000  # pixels that are fitted; all of them where there are fewer [by eye]
+_SMOOTHNESS = 1e-2  # μ in units of mean diag(BᵀWB) [measured: docs/decisions/0052]
 _LARGEST_LEAF = 8.0  # h_max / h_min [by eye]
 _HIGHLIGHT_CELL = 2.0  # of the largest leaf's side: where highlights stand out [by eye]
 
@@ -44,58 +43,47 @@ def fit_boundary_colors(
     curve_points: NDArray[Any],
     *,
     h_min: float,
-    samples: int = SAMPLES,
     rng: np.random.Generator,
-    smoothness: float = SMOOTHNESS,
-    robust: bool = True,
 ) -> BoundaryFit:
     """Fit u = Σ λ_i ψ_i to the image on Ω and read it on the curves: g = u|γ (eq. 3).
 
-    Solves (BᵀWB + μ ΛᵀΛ + ε I) λ = BᵀW I for the three channels. Points of γ more than a pixel outside Ω are read
-    at the nearest pixel of Ω, where the field is supported by data.
+    Solves (BᵀWB + μ ΛᵀΛ + ε I) λ = BᵀW I for the three channels. Specular highlights and pixels that the smooth field
+    cannot explain have little weight. Points of γ more than a pixel outside Ω are read at the nearest pixel of Ω, where
+    the field is supported by data.
 
     Args:
         image: (H, W, 3) uint8 or float, RGB 0–255.
         domain: (H, W) bool, the pixels of Ω.
         curve_points: (S, 2) float, (x, y) in pixels; the quadtree is refined at them.
         h_min: side of the smallest leaf in pixels; some hundredth of the face's width.
-        samples: number of pixels of Ω used; all of them if there are fewer.
-        rng: draws the pixels.
-        smoothness: μ in units of mean diag(BᵀWB), > 0.
-        robust: down-weight specular highlights and pixels that the smooth field cannot explain.
+        rng: draws the pixels of Ω that are fitted.
 
     Raises:
         ValueError: an empty domain, no curve points, shapes that disagree, or pixels that are not finite.
         SolverError: the normal equations are singular or miss their tolerance.
     """
-    _check_inputs(image, domain, samples, smoothness)
+    _check_inputs(image, domain)
     h_max = _LARGEST_LEAF * h_min
     tree = _tree_of(domain, curve_points, h_min, h_max)
     basis = harmonic_basis(tree)
-    sample = draw_sample(image, domain, tree, samples, rng)
+    sample = draw_sample(image, domain, tree, _SAMPLES, rng)
     B = basis.design_matrix(sample.points)
-    trust = highlight_trust(sample, _HIGHLIGHT_CELL * h_max) if robust else np.ones(len(sample.points))
+    trust = highlight_trust(sample, _HIGHLIGHT_CELL * h_max)
     base = np.average(sample.colors, axis=0, weights=trust)
     # λ is sought around the mean colour: constants are exact and ε pulls to skin, not to black
-    shifts = solve_least_squares(
-        B, laplacian_matrix(tree), sample.colors - base, trust, smoothness, reweight=robust
-    )  # eq. (3)
+    shifts = solve_least_squares(B, laplacian_matrix(tree), sample.colors - base, trust, _SMOOTHNESS)  # eq. (3)
     places = _move_inside(curve_points, domain)
     colors = np.clip(base + basis.design_matrix(places) @ shifts, 0.0, 255.0).astype(np.float32)  # eq. (2): g = u|γ
     return BoundaryFit(colors, base + shifts, basis)
 
 
-def _check_inputs(image: NDArray[Any], domain: NDArray[Any], samples: int, smoothness: float) -> None:
+def _check_inputs(image: NDArray[Any], domain: NDArray[Any]) -> None:
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"the image must have shape (H, W, 3); got {image.shape}")
     if domain.shape != image.shape[:2] or domain.dtype != np.bool_:
         raise ValueError(f"the domain must be bool of shape {image.shape[:2]}; got {domain.dtype} {domain.shape}")
     if not domain.any():
         raise ValueError("the domain is empty: no pixel to fit colours to")
-    if not 0.0 < smoothness < np.inf:
-        raise ValueError(f"smoothness must be positive; got {smoothness}")
-    if samples < 1:
-        raise ValueError(f"samples must be at least 1; got {samples}")
 
 
 def _tree_of(domain: Bools, curve_points: NDArray[Any], h_min: float, h_max: float) -> Quadtree:

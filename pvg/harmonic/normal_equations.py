@@ -61,17 +61,12 @@ class _NormalEquations:
 
 
 def solve_least_squares(
-    B: sparse.csr_array,
-    roughness: sparse.csr_array,
-    target: Doubles,
-    trust: Doubles,
-    smoothness: float,
-    *,
-    reweight: bool,
+    B: sparse.csr_array, roughness: sparse.csr_array, target: Doubles, trust: Doubles, smoothness: float
 ) -> Doubles:
-    """Minimise the weighted, smoothed squares of eq. (3); with `reweight`, Huber's loss by repeated weighting.
+    """Minimise the weighted, smoothed squares of eq. (3), by Huber's loss: what is not explained loses weight.
 
-    The equations of later weights are close to the first ones, whose factors therefore precondition them.
+    The weights are found in rounds. The equations of later weights are close to the first ones, whose factors therefore
+    precondition them.
 
     Args:
         B: (m, n), the functions at the pixels.
@@ -79,7 +74,6 @@ def solve_least_squares(
         target: (m, C), what the functions are to add up to at the pixels.
         trust: (m,) weights of the pixels, at most 1.
         smoothness: μ in units of mean diag(BᵀWB).
-        reweight: whether pixels that the solution cannot explain lose weight.
 
     Returns:
         (n, C) float64, the coefficients λ of eq. (2).
@@ -91,8 +85,7 @@ def solve_least_squares(
     mean_diagonal = float(((B.data**2) * np.repeat(trust, np.diff(B.indptr))).sum()) / count
     A = _NormalEquations(B, roughness, smoothness * mean_diagonal, trust)
     factors = _preconditioner(A.matrix())
-    rounds = _REWEIGHTINGS if reweight else 0
-    tolerances = [_ROUGH_TOLERANCE] * rounds + [_TOLERANCE]
+    tolerances = [_ROUGH_TOLERANCE] * _REWEIGHTINGS + [_TOLERANCE]
     x = _conjugate_gradients(A, target, factors, np.zeros((count, target.shape[1])), tolerances[0])
     for tolerance in tolerances[1:]:
         error = np.linalg.norm(target - B @ x, axis=1)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pvg.errors import SolverError
 from pvg.harmonic import BoundaryFit, fit_boundary_colors, normal_equations
+from pvg.harmonic import fit as fitting
 from tests.pvg.harmonic.shapes import ellipse
 
 SIZE = 192
@@ -37,9 +38,25 @@ CLEAN = shading(X, Y)
 TRUTH = shading(CURVES[:, 0], CURVES[:, 1])
 
 
-def fit(image: np.ndarray, *, seed: int = 0, robust: bool = False, **options: object) -> BoundaryFit:
-    options = {"samples": 8000, "h_min": H_MIN, "domain": DOMAIN, "curve_points": CURVES, **options}
-    return fit_boundary_colors(image, rng=np.random.default_rng(seed), robust=robust, **options)  # type: ignore[arg-type]
+def fit(
+    image: np.ndarray,
+    *,
+    seed: int = 0,
+    samples: int = 8000,
+    smoothness: float | None = None,
+    robust: bool = False,
+    **options: object,
+) -> BoundaryFit:
+    """The fit of `samples` pixels;  smoothness: another μ;  robust: with the weights of pixels, else all weigh 1."""
+    options = {"h_min": H_MIN, "domain": DOMAIN, "curve_points": CURVES, **options}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fitting, "_SAMPLES", samples)
+        if smoothness is not None:
+            patch.setattr(fitting, "_SMOOTHNESS", smoothness)
+        if not robust:
+            patch.setattr(fitting, "highlight_trust", lambda sample, _: np.ones(len(sample.points)))
+            patch.setattr(normal_equations, "_REWEIGHTINGS", 0)
+        return fit_boundary_colors(image, rng=np.random.default_rng(seed), **options)  # type: ignore[arg-type]
 
 
 def field_at(result: BoundaryFit, points: np.ndarray) -> np.ndarray:
@@ -166,8 +183,6 @@ def test_colours_stay_in_range_and_the_field_can_be_shown() -> None:
         ({"domain": DOMAIN.astype(np.uint8)}, "bool"),
         ({"domain": DOMAIN[:-1]}, "shape"),
         ({"curve_points": np.zeros((0, 2))}, "curve points"),
-        ({"samples": 0}, "samples"),
-        ({"smoothness": 0.0}, "smoothness"),
         ({"h_min": 0.0}, "h_min"),
     ],
 )
