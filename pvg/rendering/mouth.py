@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Floats, ramp, smoothstep
 from pvg.asset import KeyFrame
@@ -73,72 +72,110 @@ class Mouth:
     skin: Floats | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """The nodes of a face's lattice around the outline of its mouth.
+
+    rows, columns: which they are;  box: left, upper, right and lower end of the pixels that they stand for;
+    width: the face's, source pixels.
+    """
+
+    lattice: Lattice
+    rows: slice
+    columns: slice
+    box: tuple[int, int, int, int]
+    width: float
+
+    @classmethod
+    def around(cls, frame: Frame, outline: Floats, width: float, lattice: Lattice) -> _Window | None:
+        """The nodes around an outline (n, 2), of a face of some width; None without any."""
+        low, high = outline.min(axis=0) - _MARGIN * width, outline.max(axis=0) + _MARGIN * width
+        corner = np.array([lattice.x, lattice.y], np.float32)
+        first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(np.intp)
+        last = np.minimum(np.ceil((high - corner) / lattice.step).astype(np.intp) + 1, [lattice.width, lattice.height])
+        align = frame.format.chroma_step
+        begin = (corner + first * np.float32(lattice.step)).astype(int) // align * align
+        end = np.minimum((corner + last * np.float32(lattice.step)).astype(int), [frame.width, frame.height])
+        if (last - first).min() < 2 or (end - begin).min() < 2:
+            return None
+        columns, rows = (slice(int(one), int(other)) for one, other in zip(first, last, strict=True))
+        return cls(lattice, rows, columns, (int(begin[0]), int(begin[1]), int(end[0]), int(end[1])), width)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w) how many nodes."""
+        return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
+
+    def nodes(self, share: float) -> float:
+        """So much of the face's width, in nodes."""
+        return share * self.width / self.lattice.step
+
+    def codes(self, frame: Frame) -> Floats:
+        """(h, w, 3) luma and chroma, black and grey aside, against noise the mean around each node."""
+        codes = mean_codes(frame, self.box, self.shape)
+        codes -= np.asarray(frame.format.opponent.offset, np.float32)
+        return np.asarray(cv2.GaussianBlur(codes, (0, 0), max(0.5, self.nodes(_AROUND))), np.float32)
+
+    def inside(self, outline: Floats) -> Bools:
+        """(h, w) the nodes inside an outline (n, 2) in the picture."""
+        corner = np.array([self.lattice.x, self.lattice.y], np.float32)
+        first = np.array([self.columns.start, self.rows.start])
+        return inside((outline - corner) / self.lattice.step - first, self.shape)
+
+    def on_lattice(self, part: Floats, away: float) -> Floats:
+        """What is known of these nodes (h, w), on all nodes of the lattice; `away` from these."""
+        whole = np.full((self.lattice.height, self.lattice.width), away, np.float32)
+        whole[self.rows, self.columns] = part
+        return whole
+
+
 def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattice) -> Mouth:
     """What the outline of a mouth shows in a frame;  key: whose lips and skin are compared."""
     lips = key.parts[PARTS.index("lips")]
     if not len(key.skin) or np.isnan(lips).any():
         return Mouth()
-    level = np.float32(2.0 ** (frame.format.depth - 8))
-    colors = np.stack([lips, key.skin_median]).astype(np.float32)
     coding = Coding(frame.format)
-    own, skin = _tints(coding.in_sdr(coding.colors(colors)), level)
-    apart = own - skin
-    width = max(landmarks.axes.width, 1.0)
-    are_lips = ramp(float(np.linalg.norm(apart)), *_APART)
-    if are_lips < 1.0:  # else the spread of the skin would be looked at in every frame for nothing
-        are_lips = max(are_lips, ramp(_beside_skin(key, lips), *_BESIDE_SKIN))
+    own, skin = _tints(coding, coding.colors(np.stack([lips, key.skin_median]).astype(np.float32)))
+    way = own - skin
+    apart, skin_tint = float(np.linalg.norm(way)), float(np.linalg.norm(skin[:2]))
+    off_tint = float(np.linalg.norm(way[:2])) / max(skin_tint, 1e-3)
+    are_lips = _are_lips(key, lips, apart)
     if are_lips == 0.0:
         return Mouth(lips=np.zeros((lattice.height, lattice.width), np.float32))
     outline, opening = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
-    corner = np.array([lattice.x, lattice.y], np.float32)
-    window = _window(frame, outline, _MARGIN * width, lattice)
+    width = max(landmarks.axes.width, 1.0)
+    window = _Window.around(frame, outline, width, lattice)
     if window is None:
         return Mouth()
-    first, last, box = window
-    columns, rows = (last - first).tolist()
-    codes = mean_codes(frame, box, (rows, columns))
-    codes -= np.asarray(frame.format.opponent.offset, np.float32)
-    sigma = max(0.5, _AROUND * width / lattice.step)
-    tints = _tints(coding.in_sdr(np.asarray(cv2.GaussianBlur(codes, (0, 0), sigma), np.float32)), level)
-    beside = _beside(tints[..., 2], _MARGIN * width / lattice.step)
+
+    tints = _tints(coding, window.codes(frame))
+    beside = _beside(tints[..., 2], window.nodes(_MARGIN))
     off_skin = _off_skin(tints, skin, beside)
-    tints[..., 2] += np.clip(skin[2] - beside, -_OTHER, _OTHER)
-    lips_shown = smoothstep((tints - skin) @ apart / float(apart @ apart), *_SHOWN)
-    crossing = None
-    off_tint = float(np.linalg.norm(apart[:2])) / max(float(np.linalg.norm(skin[:2])), 1e-3)
-    outer, inner = (inside((one - corner) / lattice.step - first, (rows, columns)) for one in (outline, opening))
-    lips_shown = _whole(lips_shown, outer & ~inner, off_tint)
-    covered = _covered(tints, float(np.linalg.norm(apart)), outer, inner, _RING * width / lattice.step)
+    tints[..., 2] += np.clip(skin[2] - beside, -_OTHER, _OTHER)  # to the key frame's light
+    outer, inner = window.inside(outline), window.inside(opening)
+    shown = smoothstep((tints - skin) @ way / float(way @ way), *_SHOWN)
+    shown = _whole(shown, outer & ~inner, off_tint)
+    covered = _covered(tints, apart, outer, inner, window.nodes(_RING))
+
     gap = float(np.linalg.norm(opening[2] - opening[6]))  # from the middle of the upper lip to that of the lower one
-    is_open = gap > _OPEN * width
-    if is_open and off_tint > _OTHER_TINT:
+    in_front: Floats | None = None  # of an open mouth: skin
+    if gap > _OPEN * width and off_tint > _OTHER_TINT:
         likely = 1.0 - smoothstep(off_skin, *_IS_SKIN)
-        crossing = _crossing(likely, lips_shown, outer, inner, _FINGER * width / lattice.step)
-    if is_open and covered > 0.0:
-        crossing = np.maximum(np.float32(covered), np.zeros_like(lips_shown) if crossing is None else crossing)
-    here = slice(first[1], last[1]), slice(first[0], last[0])
-    known = ((np.float32(are_lips * (1.0 - covered)) * lips_shown, 1.0), (crossing, 0.0))
-    return Mouth(*(_on_lattice(part, here, lattice, away) for part, away in known))
+        in_front = _crossing(likely, shown, outer, inner, window.nodes(_FINGER))
+    if gap > _OPEN * width and covered > 0.0:
+        in_front = np.maximum(np.float32(covered), np.zeros_like(shown) if in_front is None else in_front)
+    return Mouth(
+        lips=window.on_lattice(np.float32(are_lips * (1.0 - covered)) * shown, away=1.0),
+        skin=None if in_front is None else window.on_lattice(in_front, away=0.0),
+    )
 
 
-def _window(
-    frame: Frame, outline: Floats, margin: float, lattice: Lattice
-) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[int, int, int, int]] | None:
-    """The nodes around an outline (n, 2), and the pixels that they stand for; None without any.
-
-    The x and y of the first node and of the one after the last, and the left, upper, right and lower end of the
-    pixels;  margin: source pixels.
-    """
-    low, high = outline.min(axis=0) - margin, outline.max(axis=0) + margin
-    corner = np.array([lattice.x, lattice.y], np.float32)
-    first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(np.intp)
-    last = np.minimum(np.ceil((high - corner) / lattice.step).astype(np.intp) + 1, [lattice.width, lattice.height])
-    align = frame.format.chroma_step
-    begin = (corner + first * np.float32(lattice.step)).astype(int) // align * align
-    end = np.minimum((corner + last * np.float32(lattice.step)).astype(int), [frame.width, frame.height])
-    if (last - first).min() < 2 or (end - begin).min() < 2:
-        return None
-    return first, last, (int(begin[0]), int(begin[1]), int(end[0]), int(end[1]))
+def _are_lips(key: KeyFrame, lips: Floats, apart: float) -> float:
+    """How surely a key frame's lips (3,) are lips, in [0, 1];  apart: how far off the skin their tint is."""
+    by_tint = ramp(apart, *_APART)
+    if by_tint < 1.0:  # else the spread of the skin would be looked at in every frame for nothing
+        return max(by_tint, ramp(_beside_skin(key, lips), *_BESIDE_SKIN))
+    return by_tint
 
 
 def _beside_skin(key: KeyFrame, lips: Floats) -> float:
@@ -153,15 +190,6 @@ def _beside_skin(key: KeyFrame, lips: Floats) -> float:
     far = float(np.linalg.norm(off[0]))
     spread = float(np.quantile(np.abs(off[2:] @ off[0]), _ONE_SIGMA)) / max(far, 1e-6)
     return far / max(spread, _LEAST_SPREAD)
-
-
-def _on_lattice(part: Floats | None, here: tuple[slice, slice], lattice: Lattice, away: float) -> Floats | None:
-    """What is known of a part of the lattice's nodes, on all (h, w) of them; `away` from it."""
-    if part is None:
-        return None
-    whole = np.full((lattice.height, lattice.width), away, np.float32)
-    whole[here] = part
-    return whole
 
 
 def _whole(shown: Floats, lips: Bools, off_tint: float) -> Floats:
@@ -235,7 +263,8 @@ def _beside(plane: Floats, margin: float) -> Floats:
     return np.asarray(middle + slopes[0] * x + slopes[1] * y, np.float32)
 
 
-def _tints(codes: Floats, level: np.float32) -> Floats:
-    """(…, 3) chroma over luma, and the logarithm of luma, of codes (…, 3);  level: codes a level of 255."""
-    luma = np.maximum(codes[..., :1], _DARKEST * level)
+def _tints(coding: Coding, codes: Floats) -> Floats:
+    """(…, 3) chroma over luma, and the logarithm of luma, of codes (…, 3), black and grey aside."""
+    codes, a_level = coding.in_sdr(codes), np.float32(2.0 ** (coding.format.depth - 8))
+    luma = np.maximum(codes[..., :1], _DARKEST * a_level)
     return np.asarray(np.concatenate([codes[..., 1:] / luma, _LUMA * np.log(luma)], axis=-1), np.float32)
