@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Doubles, Floats
 from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.errors import UncutError
@@ -19,7 +19,7 @@ from pvg.rendering.beside import BesideTables, with_beside
 from pvg.rendering.blocks import Blocks
 from pvg.rendering.body import apply_body
 from pvg.rendering.coding import Coding
-from pvg.rendering.correction import at_curves, extend
+from pvg.rendering.correction import CurveCorrection, at_curves, extend
 from pvg.rendering.edges import follow_edges
 from pvg.rendering.foreground import foreground
 from pvg.rendering.foreign import own_tables, skin_of, without_foreign
@@ -34,6 +34,7 @@ from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.video import Frame, Patch
 
 _GUARDED = np.float32(0.7)  # of a look that eyes and teeth are said to take where only a matte tells it
+_REGIONS: tuple[Region, ...] = ("face", "beside", "ears")
 _CHAIN_SPACING_PX = 2.0  # between the samples of the paper's chain
 
 
@@ -89,6 +90,21 @@ def _propagation(video: VectorVideo, face: int, looks: Sequence[Look]) -> _Table
 _Placed = TypeVar("_Placed", PlacedFace, PlacedBody)
 _Faces = list[tuple[int, PlacedFace, Floats | None]]  # each face, where it is, and its colours, if a look draws it
 _Kind = tuple[tuple[str, ...], bool]  # of mattes: what is protected, and whether a map stands for λ
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What a look asks for in one face of a frame, in luma and chroma of the frame's codes, black aside.
+
+    look: its number;  at_curves: the correction where it is known;  luma: (S,) of g';  parts: (P, 3) what parts gain,
+    None for nothing;  beside: the tables of skin beside the face, None where λ is a number.
+    """
+
+    look: int
+    at_curves: CurveCorrection
+    luma: Floats
+    parts: Doubles | None
+    beside: BesideTables | None
 
 
 class _Mattes:
@@ -230,9 +246,6 @@ class Renderer:
             if face in self._with_body
         ]
 
-    def _beside(self, look: int, face: int, frame: Frame) -> BesideTables:
-        return BesideTables(self._tables_of(look, face, frame, "beside"), self._tables_of(look, face, frame, "ears"))
-
     def _tables_of(self, look: int, face: int, frame: Frame, region: Region) -> MapTables:
         look_map = self.looks[look].maps[face]
         light = tuple(self.video.records[face].blended(look_map.exposures, frame.index).tolist())
@@ -262,54 +275,48 @@ class Renderer:
         divided = divide_overlaps([placed for _, placed, _ in found])
         return [(face, placed, colors) for (face, _, colors), placed in zip(found, divided, strict=True)]
 
-    def _parts(self, look: int, face: int, frame: int) -> Floats | None:
-        """What a look adds to the parts of a face, (P, 3), None when nothing."""
-        parts = self.looks[look].parts.get(face)
-        record = self.video.records[face]
-        return None if parts is None else record.blended(parts, frame)
-
     def _draw_face(self, frame: Frame, face: int, placed: PlacedFace, colors: Floats, out: list[list[Patch]]) -> None:
         """Draw one face with its looks;  colors: (S, 3 + 3n), g and g' of each look."""
-        which = self._with_face[face]
-        coding = Coding(frame.format)
-        codes = coding.colors(colors[:, :3])
-        wanted, lumas, parts = [], [], []
-        beside: list[BesideTables | None] = []
-        for k, i in enumerate(which, start=1):
-            new = colors[:, 3 * k : 3 * (k + 1)]
-            new_codes, contrast = coding.colors(new), self.looks[i].contrast_of(face)
-            drawn = self._tables_of(i, face, frame, "face") if contrast == "map" else contrast
-            beside.append(self._beside(i, face, frame) if contrast == "map" else None)
-            wanted.append(at_curves(codes, new_codes, drawn))
-            lumas.append(new_codes[:, 0])
-            gained = self._parts(i, face, frame.index)
-            parts.append(None if gained is None else coding.changes(gained, new))
-        level, align = 2.0 ** (frame.format.depth - 8), frame.format.chroma_step
+        which, g = self._with_face[face], Coding(frame.format).colors(colors[:, :3])
+        asked = [self._asked(i, face, frame, g, colors[:, 3 * k : 3 * (k + 1)]) for k, i in enumerate(which, start=1)]
+        level = 2.0 ** (frame.format.depth - 8)
         try:
-            corrections = extend(placed, codes, wanted, level=level)
+            corrections = extend(placed, g, [one.at_curves for one in asked], level=level)
         except UncutError:  # a speck of matte between curves, as the paper's rule may leave: it stays as it is
             return
         mapped = self._mapped_skin(frame, face, placed, which)
-        landmarks = placed.data.landmarks
-        key = self.video.records[face].key_frame_of(frame.index)
-        mouth = see_mouth(frame, landmarks, key, placed.lattice())
-        corrections = with_parts(corrections, parts, landmarks, mouth.lips)
-        blocks = Blocks.of(frame, mapped, corrections[0].lattice)
-        corrections = with_beard(blocks, with_beside(blocks, corrections, beside))
-        corner = placed.x, placed.y
-        skin = None
+        landmarks, lattice = placed.data.landmarks, corrections[0].lattice
+        mouth = see_mouth(frame, landmarks, self.video.records[face].key_frame_of(frame.index), lattice)
+        corrections = with_parts(corrections, [one.parts for one in asked], landmarks, mouth.lips)
+        blocks = Blocks.of(frame, mapped, lattice)
+        corrections = with_beard(blocks, with_beside(blocks, corrections, [one.beside for one in asked]))
+
+        corner, skin = (placed.x, placed.y), None
         if any(correction.mapped for correction in corrections):
             skin = foreground(frame, corner, mapped.alpha, placed.data.matte.raster.step)
         fade = fade_in_dark(frame, corner, mapped.alpha, corrections, skin)
         kinds = [(self.looks[i].protect, correction.mapped) for i, correction in zip(which, corrections, strict=True)]
-        mattes = _Mattes({False: placed, True: mapped}, mouth.skin, align, in_place=len(set(kinds)) == 1)
-        for i, kind, correction, luma in zip(which, kinds, corrections, lumas, strict=True):
-            alpha, guards = mattes.guarded(kind) if face in self.looks[i].body else mattes.to_the_neck(kind)
-            gains: list[tuple[Guard, float]] = []
-            # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too
+        faces = {False: placed, True: mapped}
+        mattes = _Mattes(faces, mouth.skin, frame.format.chroma_step, in_place=len(set(kinds)) == 1)
+        for one, kind, correction in zip(asked, kinds, corrections, strict=True):
+            with_body, under = face in self.looks[one.look].body, out[one.look]
+            alpha, guards = mattes.guarded(kind) if with_body else mattes.to_the_neck(kind)
             if correction.mapped:
-                gains = [(guard, guard_gain(guard, placed, codes[:, 0], luma, level)) for guard in guards]
-            faded, shown = (fade, skin) if correction.mapped else (None, None)
-            out[i] += apply_correction(
-                frame, corner, alpha, correction, under=out[i], guards=gains, fade=faded, skin=shown
-            )
+                gains = [(guard, guard_gain(guard, placed, g[:, 0], one.luma, level)) for guard in guards]
+                under += apply_correction(
+                    frame, corner, alpha, correction, under=under, guards=gains, fade=fade, skin=skin
+                )
+            else:  # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too
+                under += apply_correction(frame, corner, alpha, correction, under=under)
+
+    def _asked(self, look: int, face: int, frame: Frame, g: Floats, new: Floats) -> _Asked:
+        """What a look asks for in a face;  g: (S, 3) luma and chroma;  new: (S, 3) g', RGB."""
+        coding, contrast, parts = Coding(frame.format), self.looks[look].contrast_of(face), None
+        new_codes = coding.colors(new)
+        if face in self.looks[look].parts:
+            gained = self.video.records[face].blended(self.looks[look].parts[face], frame.index)
+            parts = coding.changes(gained, new)
+        if contrast != "map":
+            return _Asked(look, at_curves(g, new_codes, contrast), new_codes[:, 0], parts, None)
+        tables, neck, ears = (self._tables_of(look, face, frame, region) for region in _REGIONS)
+        return _Asked(look, at_curves(g, new_codes, tables), new_codes[:, 0], parts, BesideTables(neck, ears))
