@@ -72,21 +72,22 @@ class SkinMap:
         """
         source, target = to_opponent(skin), to_opponent(moved)
         own, goal = UsualChroma.of(source), UsualChroma.of(target)
-        around, wanted = source[:, 1:] - own.at(source[:, 0]), target[:, 1:] - goal.at(target[:, 0])
-        spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
-        chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
         tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
         tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
-        largest = min(1.0, brighter, chroma[0] / chroma[1])
-        lumas = np.array([middle, middle * brighter])
-        shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
-        other = min(1.0, float(np.hypot(*shift)) / _OTHER)
-        far = min(1.0, other + abs(brighter - 1.0) / _OTHER_LIGHT)
-        k = min(max(float(spread), _LEAST_SPREAD), max(largest * (1.0 - _OTHER_HUE * other), _FLATTEST))
-        alike = float(np.quantile(own.likeness(source), _LEAST_ALIKE))
-        return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike, far)
+        hue = _other_hue(own, goal, middle, brighter)
+        most = min(1.0, brighter, _ratio_of_chroma(source, target)) * (1.0 - _OTHER_HUE * hue)
+        spread = min(max(_ratio_of_spreads(source, target, own, goal), _LEAST_SPREAD), max(most, _FLATTEST))
+        return cls(
+            tone=tone,
+            own=own,
+            goal=goal,
+            spread=spread,
+            broad=spread * (1.0 - _OTHER_HUE_BROAD * hue),
+            alike=float(np.quantile(own.likeness(source), _LEAST_ALIKE)),
+            moved=min(1.0, hue + abs(brighter - 1.0) / _OTHER_LIGHT),
+        )
 
     def __call__(self, colors: Floats) -> Doubles:
         """Map (n, 3) colours, 0-255 RGB, with k for single pixels; the result may leave that range.
@@ -153,3 +154,31 @@ class SkinMap:
         rise = (ends[2] - ends[0] + LEAST_STEP) / (high - low + LEAST_STEP)
         slope = np.clip(np.sqrt(rise * ends[1] / middle), *_SLOPE_RANGE)
         return np.tile(np.array([slope, self.spread], np.float32), (len(colors), 1))
+
+
+def _ratio_of_spreads(source: Doubles, target: Doubles, own: UsualChroma, goal: UsualChroma) -> float:
+    """How far chroma lies around the usual one at its luma after the transport, over how far it does before.
+
+    source, target: (n, 3) luma and chroma;  own, goal: the usual chroma of either.
+    """
+    before, after = (
+        float(((one[:, 1:] - usual.at(one[:, 0])) ** 2).sum(axis=1).mean()) + 1.0
+        for one, usual in ((source, own), (target, goal))
+    )
+    return float(np.sqrt(after / before))
+
+
+def _ratio_of_chroma(source: Doubles, target: Doubles) -> float:
+    """The mean chroma of luma and chroma (n, 3) after the transport over that before."""
+    before, after = (float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (source, target))
+    return after / before
+
+
+def _other_hue(own: UsualChroma, goal: UsualChroma, middle: float, brighter: float) -> float:
+    """How far a skin gets another hue, in [0, 1].
+
+    own, goal: the usual chroma before and after;  middle: its middle luma;  brighter: what that is multiplied by.
+    """
+    lumas = np.array([middle, middle * brighter])
+    shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
+    return min(1.0, float(np.hypot(*shift)) / _OTHER)
