@@ -24,7 +24,7 @@ from pvg.rendering.foreground import Foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
 from pvg.rendering.plane_samples import luma_bend, with_patches, without_fine_detail
-from pvg.rendering.rgb_planes import not_beyond, opponent_matrix, rgb_patches
+from pvg.rendering.rgb_planes import not_beyond, opponent_matrix, rgb_patches, stacked
 from pvg.rendering.tinge import tinged, tinged_codes
 from pvg.video import Frame, Patch
 
@@ -68,8 +68,7 @@ def _apply_to_rgb(
     """`apply_body` for R, G, B planes: what luma and chroma gain is added in RGB."""
     (left, upper), (h, w) = (body.x, body.y), body.alpha.shape
     opponent = frame.format.opponent
-    window = slice(upper, upper + h), slice(left, left + w)
-    before: NDArray[Any] = np.stack([plane[window] for plane in frame.planes], axis=-1)
+    before = stacked(frame, (slice(upper, upper + h), slice(left, left + w)))
     to_opponent_codes = opponent_matrix(frame.format)
     source = (np.stack(skin, axis=-1) @ to_opponent_codes.T + opponent.offset).astype(np.float32)
     bend = luma_bend(opponent)

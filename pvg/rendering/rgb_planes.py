@@ -32,42 +32,63 @@ def apply_to_rgb(
 ) -> list[Patch]:
     """`planes.apply_correction` for R, G, B planes: what luma and chroma gain is added in RGB."""
     (left, upper), (rows, columns) = corner, alpha.shape
-    opponent = frame.format.opponent
-    window = slice(upper, upper + rows), slice(left, left + columns)
-    before = stacked(frame, window)
-    here = opponent_of(before, frame.format)
-    guarded = _scaled_rgb(before, here[..., 0].copy(), guards, luma_bend(opponent))
-    source = opponent_of(np.stack(skin, axis=-1), frame.format) if skin and correction.mapped else here
-    wanted = source.copy()
+    pixel_format, contrast = frame.format, correction.contrast
+    before = stacked(frame, (slice(upper, upper + rows), slice(left, left + columns)))
+    here = opponent_of(before, pixel_format)
+    guarded = _scaled_rgb(before, here[..., 0].copy(), guards, luma_bend(pixel_format.opponent))
 
     def over_pixels(nodes: Floats) -> Floats:
-        return Membrane(correction.lattice, nodes[None]).crop(left, upper, columns, rows)[..., 0]
+        """(3, h, w) of planes (3, …) on the correction's nodes."""
+        return Membrane(correction.lattice, nodes).read(left + np.arange(columns), upper + np.arange(rows))
 
-    contrast, weight = correction.contrast, alpha
+    def weights(of_chroma: Floats) -> Floats:
+        """(h, w, 3) of the matte and of what it is for chroma (h, w), guards taken out of that too."""
+        held = [(guard, guard.weight) for guard, _ in guards]
+        return np.stack([alpha, *[with_guards(of_chroma, held, pixel_format)] * 2], axis=-1)
+
+    shift = over_pixels(correction.shift) * (1.0 if fade is None else fade)
     if isinstance(contrast, MapTables):
-        own = source + np.asarray(opponent.offset, np.float32)
+        shown = opponent_of(np.stack(skin, axis=-1), pixel_format) if skin else here
+        own = shown + np.asarray(pixel_format.opponent.offset, np.float32)
         broad = without_fine_detail(own)
-        wanted += contrast.gained_of(own, broad)
-        weight = tinged_codes(contrast, broad, alpha)
-    elif contrast != 1.0 and correction.low is not None and alpha.any():  # an empty matte weighs nothing
+        gained = _gained_by_map(contrast, shown, own, broad, shift, luma_bend(pixel_format.opponent))
+        of_chroma = tinged_codes(contrast, broad, alpha)
+        gained = not_beyond(weights(of_chroma), here, shown, gained, np.zeros(3), 2.0**pixel_format.depth - 1)
+    else:
+        low = None if correction.low is None else over_pixels(correction.low)
+        gained = weights(alpha) * _gained_by_number(contrast, here, alpha, low, shift)
+    gained = gained @ np.linalg.inv(opponent_matrix(pixel_format)).T + guarded
+    return rgb_patches(before, gained, corner, under, pixel_format)
+
+
+def _gained_by_map(tables: MapTables, shown: Floats, own: Floats, broad: Floats, shift: Floats, bend: Floats) -> Floats:
+    """What luma and chroma (h, w, 3) gain by F, rolled off.
+
+    shown: the skin, black aside;  own, broad: its codes, and those smoothed;  shift: (3, h, w) H(g' − F(g));
+    bend: see `luma_bend`.
+    """
+    wanted = shown + tables.gained_of(own, broad)
+    for p in range(3):
+        wanted[..., p] += shift[p]
+    gained = wanted - shown
+    gained[..., 0] = kernels.roll_off(wanted[..., 0], bend) - kernels.roll_off(shown[..., 0], bend)
+    return gained
+
+
+def _gained_by_number(contrast: float, here: Floats, alpha: Floats, low: Floats | None, shift: Floats) -> Floats:
+    """What luma and chroma (h, w, 3) gain by λ.
+
+    here: what they are, black aside;  alpha: (h, w);  low, shift: (3, h, w) H(g), None where λ is 1, and H(g' − λg).
+    """
+    wanted = here.copy()
+    if contrast != 1.0 and low is not None and alpha.any():  # an empty matte weighs nothing
         for p in range(3):
-            plane = source[..., p]
-            mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
+            plane = here[..., p]
+            mean = np.average(plane - low[p], weights=alpha)
             wanted[..., p] += (contrast - 1.0) * (plane - np.float32(mean))
     for p in range(3):
-        wanted[..., p] += over_pixels(correction.shift[p]) * (1.0 if fade is None else fade)
-    gained = wanted - source
-    if correction.mapped:
-        bend = luma_bend(opponent)
-        gained[..., 0] = kernels.roll_off(wanted[..., 0], bend) - kernels.roll_off(source[..., 0], bend)
-    held = [(guard, guard.weight) for guard, _ in guards]
-    weights = np.stack([alpha, *[with_guards(weight, held, frame.format)] * 2], axis=-1)
-    if correction.mapped:
-        gained = not_beyond(weights, here, source, gained, np.zeros(3), 2.0**frame.format.depth - 1)
-    else:
-        gained = weights * gained
-    gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
-    return rgb_patches(before, gained, corner, under, frame.format)
+        wanted[..., p] += shift[p]
+    return wanted - here
 
 
 def rgb_patches(
