@@ -51,7 +51,7 @@ class ModelError(PvgError):
 
 
 class AssetError(PvgError):
-    """An asset file is truncated, altered, of another version, or belongs to another clip."""
+    """An asset file is truncated, altered, of another version, without a face, or belongs to another clip."""
 
 
 class SolverError(PvgError):

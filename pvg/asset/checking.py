@@ -158,6 +158,8 @@ def check_manifest(manifest: Mapping[str, Any]) -> None:
     _text(manifest["source_sha256"], "source_sha256")
     _check_settings(manifest["settings"])
     _ascending(manifest["shots"], frames, "shots")
+    if not manifest["faces"]:
+        raise ValueError("it has no face")
     for index, face in enumerate(manifest["faces"]):
         _check_face(face, index, frames, len(entries))
 

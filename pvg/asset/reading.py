@@ -95,6 +95,8 @@ class VectorVideo:
                     f"{self.path.name} has asset format {version}, this library reads {FORMAT_VERSION}; "
                     "vectorise the clip again"
                 )
+            if manifest["faces"] == []:
+                raise AssetError(f"{self.path.name} has no face; vectorise a clip or portrait that shows one")
             check_manifest(manifest)
             self.manifest: dict[str, Any] = manifest
             self._entries: dict[str, str] = manifest["entries"]
@@ -215,7 +217,7 @@ class VectorVideo:
     def _most_at_once(self) -> int:
         """The most faces that any frame has."""
         changes = [(face.first_frame, 1) for face in self.faces] + [(face.last_frame + 1, -1) for face in self.faces]
-        return max(itertools.accumulate(change for _, change in sorted(changes)), default=0)
+        return max(itertools.accumulate(change for _, change in sorted(changes)))
 
     def landmarks(self, face: int) -> Floats:
         """(frames of the track, 106, 2) float32 landmarks in source pixels."""
@@ -320,7 +322,8 @@ def open_asset(
     Without a source it is looked for where the asset notes it, relative to itself, and beside it; find_source=False
     leaves that out, as it should be for assets from others in a service. Either way the clip must have the noted
     sha256 before a frame of it is read.  limits: what the clip must keep when it is read, those that it was vectorised
-    with if they were not the usual ones. Raises `AssetError` when the file is truncated, altered or of another version.
+    with if they were not the usual ones. Raises `AssetError` when the file is truncated, altered, of another version or
+    without a face.
     """
     video = VectorVideo(path, source, limits=limits)
     if source is None and find_source:

@@ -20,6 +20,7 @@ import pvg
 from pvg import _option_values, _outputs
 from pvg import _options as cli
 from pvg._look_options import LOOK_OPTIONS
+from pvg.asset.writing import replace_manifest
 from pvg.cli import main
 from pvg.face import PARTS
 from pvg.looks import MAKEUP, PROTECTABLE
@@ -529,6 +530,23 @@ def test_an_asset_without_its_clip_names_it(run: Run, asset: Path, reference_ass
     assert result.returncode == 3
     assert result.stderr.startswith("pvg: alone.pvg is drawn on clip.mp4")
     assert "--source" in result.stderr
+
+
+def test_an_asset_without_a_face_is_told_so(run: Run, asset: Path, reference_asset: Path, tmp_path: Path) -> None:
+    none = tmp_path / "none.pvg"
+    shutil.copy(asset, none)
+    with pvg.open_asset(none) as video:
+        replace_manifest(none, {**video.manifest, "faces": []})
+    out = ["-o", tmp_path / "o.mp4"]
+    for arguments in (
+        ["transfer", none, "--reference", reference_asset, *out],
+        ["transfer", asset, "--reference", none, *out],
+        ["inspect", none],
+    ):
+        result = run(*arguments)
+        assert (result.returncode, result.stdout) == (3, "")
+        assert result.stderr.startswith("pvg: none.pvg has no face")
+    assert [path.name for path in tmp_path.iterdir()] == ["none.pvg"]
 
 
 def test_what_a_clip_cannot_be_written_as_is_refused_before_it_is_vectorised(

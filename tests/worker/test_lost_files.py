@@ -102,14 +102,18 @@ def test_an_asset_of_an_earlier_vectoriser_is_made_again_before_it_is_drawn(
     video = api.client.post("/videos", files={"file": ("me.png", file.read_bytes())}).json()
     assert run(video["job"])["state"] == "succeeded"
 
-    def made_earlier() -> None:
+    def made_earlier(**otherwise: object) -> None:
         asset = blob(api, video["id"], "asset")
         with VectorVideo(asset) as opened:
-            replace_manifest(asset, {**opened.manifest, "vectorizer": VECTORIZER_VERSION - 1})
+            replace_manifest(asset, {**opened.manifest, "vectorizer": VECTORIZER_VERSION - 1, **otherwise})
 
     def vectorizer() -> object:
         with VectorVideo(blob(api, video["id"], "asset")) as opened:
             return opened.manifest["vectorizer"]
+
+    def made_again() -> None:
+        again = api.client.get(f"/videos/{video['id']}").json()["job"]
+        assert run(again)["state"] == "succeeded"
 
     def transfer(strength: float) -> str:
         body = {"video": video["id"], "looks": [{"reference": video["id"], "strength": strength}]}
@@ -120,15 +124,24 @@ def test_an_asset_of_an_earlier_vectoriser_is_made_again_before_it_is_drawn(
     for one in (job_id, another):  # the second is taken while it is made again, and does not draw by the earlier one
         body = run(one)
         assert (body["state"], body["waiting_for"], body["attempt"]) == ("queued", "media", 1)
-    again = api.client.get(f"/videos/{video['id']}").json()["job"]
-    assert run(again)["state"] == "succeeded"
+    made_again()
     assert vectorizer() == VECTORIZER_VERSION
     assert run(job_id)["state"] == "succeeded"
 
     # an earlier worker, which still runs beside this one, has made it again: it is drawn as it is, and not for ever
     made_earlier()
     assert run(another)["state"] == "succeeded"
-    assert run(transfer(0.5))["waiting_for"] == "media"
+    third = transfer(0.5)
+    assert run(third)["waiting_for"] == "media"
+    made_again()
+    assert run(third)["state"] == "succeeded"
+
+    # one without a face, whoever made it: nothing can be drawn on it
+    made_earlier(vectorizer=VECTORIZER_VERSION, faces=[])
+    fourth = transfer(0.3)
+    assert run(fourth)["waiting_for"] == "media"
+    made_again()
+    assert run(fourth)["state"] == "succeeded"
 
 
 def test_a_medium_whose_source_was_lost_before_it_was_vectorised_is_healed_by_an_upload(api: Api, run: Run) -> None:

@@ -240,6 +240,14 @@ def test_another_format_version_is_refused_by_name(asset: Path, tmp_path: Path) 
         open_asset(newer)
 
 
+def test_an_asset_without_a_face_is_refused_in_words(asset: Path) -> None:
+    """Nothing could be drawn on it, and no colour had of it."""
+    with open_asset(asset) as video:
+        replace_manifest(asset, {**video.manifest, "faces": []})
+    with pytest.raises(AssetError, match=r"^clip\.pvg has no face; vectorise a clip or portrait that shows one$"):
+        open_asset(asset)
+
+
 def test_loading_never_unpickles(asset: Path, tmp_path: Path) -> None:
     """A pickled array with matching digests is still refused."""
     buffer = io.BytesIO()

@@ -114,6 +114,9 @@ def test_what_no_reader_would_take_replaces_no_asset(tmp_path: Path, source: Pat
         with pytest.raises(ValueError, match=words):
             write(arrays, colors, said)
         assert path.read_bytes() == b"of before"
+    with AssetWriter(path) as writer, pytest.raises(ValueError, match="no face"):
+        writer.finish(manifest)
+    assert path.read_bytes() == b"of before"
     write(good, replace(key, frame=0), manifest)
     with open_asset(path) as video:
         video.verify()
