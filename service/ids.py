@@ -15,6 +15,8 @@ JOB_ID: Final = re.compile(r"job_[0-9a-f]{32}")
 DELIVERY_CURSOR: Final = re.compile(r"^msg_[0-9a-f]{32}$")
 JOB_CURSOR: Final = re.compile(r"^job_[0-9a-f]{32}$")
 UPLOAD_CURSOR: Final = re.compile(r"^upl_[0-9a-f]{32}$")
+VIDEO_CURSOR: Final = re.compile(r"^vid_[0-9a-f]{32}$")
+REFERENCE_CURSOR: Final = re.compile(r"^ref_[0-9a-f]{32}$")
 MEDIA_ID: Final = re.compile(r"^(vid|ref)_[0-9a-f]{32}$")
 
 _HOST_CHARACTERS: Final = 60  # of the machine's name in a worker's id

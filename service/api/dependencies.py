@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Final, cast
 
 from fastapi import Depends, Header, Path, Query, Request
@@ -11,7 +12,7 @@ from service.api.schemas import RECEIVER_URL, MetadataPairs, Problem, VideoOptio
 from service.api.services import Services
 from service.catalog import InputColor, Mask, Matching
 from service.errors import PROBLEM_JSON
-from service.ids import DELIVERY_CURSOR, JOB_CURSOR, MEDIA_ID, UPLOAD_CURSOR
+from service.ids import DELIVERY_CURSOR, JOB_CURSOR, REFERENCE_CURSOR, UPLOAD_CURSOR, VIDEO_CURSOR
 
 #: seconds for which an answer may be held
 MAX_WAIT_S: Final = 60
@@ -41,6 +42,10 @@ def _id_of(what: str, prefix: str) -> Any:
     return Path(description=f"id of {what}", examples=[f"{prefix}_0192f0c1a2b37c4d8e5f60718293a4b5"])
 
 
+def _cursor(pattern: re.Pattern[str]) -> Any:
+    return Query(pattern=pattern.pattern, description="`next_cursor` of the page before")
+
+
 VideoId = Annotated[str, _Unknown, _id_of("a video", "vid")]
 ReferenceId = Annotated[str, _Unknown, _id_of("a reference", "ref")]
 JobId = Annotated[str, _Unknown, _id_of("a job", "job")]
@@ -67,14 +72,11 @@ WebhookOf = Annotated[
     ),
 ]
 CancelJobs = Annotated[bool, Query(description="cancel the jobs that need it; without it the answer is 409")]
-Cursor = Annotated[str | None, Query(pattern=MEDIA_ID.pattern, description="`next_cursor` of the page before")]
-JobCursor = Annotated[str | None, Query(pattern=JOB_CURSOR.pattern, description="`next_cursor` of the page before")]
-DeliveryCursor = Annotated[
-    str | None, Query(pattern=DELIVERY_CURSOR.pattern, description="`next_cursor` of the page before")
-]
-UploadCursor = Annotated[
-    str | None, Query(pattern=UPLOAD_CURSOR.pattern, description="`next_cursor` of the page before")
-]
+VideoCursor = Annotated[str | None, _cursor(VIDEO_CURSOR)]
+ReferenceCursor = Annotated[str | None, _cursor(REFERENCE_CURSOR)]
+JobCursor = Annotated[str | None, _cursor(JOB_CURSOR)]
+DeliveryCursor = Annotated[str | None, _cursor(DELIVERY_CURSOR)]
+UploadCursor = Annotated[str | None, _cursor(UPLOAD_CURSOR)]
 PageSize = Annotated[int, Query(ge=1, le=MAX_PAGE, description="most entries of the page")]
 MaskOf = Annotated[Mask | None, Query(description=_SETTINGS["mask"].description)]
 MatchingOf = Annotated[Matching | None, Query(description=_SETTINGS["matching"].description)]

@@ -14,7 +14,7 @@ from service.api import commands
 from service.api.authentication import Caller
 from service.api.commands import Asked
 from service.api.conditional import conditional
-from service.api.dependencies import Cursor, MetadataOf, PageSize, Responses, answer, problems
+from service.api.dependencies import MetadataOf, PageSize, Responses, answer, problems
 from service.api.downloads import BytesAsked, File, send_file
 from service.api.fetches import while_connected
 from service.api.idempotency import Once
@@ -182,24 +182,22 @@ class PageOf:
 
     states: Sequence[MediaState]
     metadata: dict[str, str]
-    cursor: str | None
     limit: int
 
 
 async def page_asked(
     state: Annotated[list[MediaState], Query(description="repeat it to accept any of several states")] = [],  # noqa: B006 - FastAPI copies it
     metadata: MetadataOf = [],  # noqa: B006
-    cursor: Cursor = None,
     limit: PageSize = 50,
 ) -> PageOf:
-    """The parameters of a list of media."""
-    return PageOf(state, to_metadata(metadata, "/query/metadata"), cursor, limit)
+    """The parameters of a list of media, but for the cursor, which is of its kind alone."""
+    return PageOf(state, to_metadata(metadata, "/query/metadata"), limit)
 
 
 PageDep = Annotated[PageOf, Depends(page_asked)]
 
 
-def page(services: Services, caller: Caller, role: Role, asked: PageOf) -> MediaPage:
+def page(services: Services, caller: Caller, role: Role, asked: PageOf, cursor: str | None) -> MediaPage:
     """A page of media, newest first."""
     limit = asked.limit
     with services.database.read() as session:
@@ -209,7 +207,7 @@ def page(services: Services, caller: Caller, role: Role, asked: PageOf) -> Media
             owner=caller.owner,
             states=asked.states,
             metadata=asked.metadata,
-            before=asked.cursor,
+            before=cursor,
             limit=limit + 1,
         )
     shown = found[:limit]

@@ -15,6 +15,7 @@ from service.api.dependencies import (
     InputColorOf,
     MaskOf,
     MetadataOf,
+    ReferenceCursor,
     ReferenceId,
     ServicesDep,
     WebhookOf,
@@ -86,9 +87,11 @@ async def create_reference_from_url(
 
 
 @router.get("", responses=problems())
-async def list_references(services: ServicesDep, caller: CallerDep, asked: _media.PageDep) -> MediaPage:
+async def list_references(
+    services: ServicesDep, caller: CallerDep, asked: _media.PageDep, cursor: ReferenceCursor = None
+) -> MediaPage:
     """List references, newest first. All given filters must match."""
-    return await services.calls.read(_media.page, services, caller, Role.REFERENCE, asked)
+    return await services.calls.read(_media.page, services, caller, Role.REFERENCE, asked, cursor)
 
 
 @router.get("/{reference_id}", response_model=MediaBody, responses=UNCHANGED | problems(404))

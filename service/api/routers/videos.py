@@ -17,6 +17,7 @@ from service.api.dependencies import (
     MatchingOf,
     MetadataOf,
     ServicesDep,
+    VideoCursor,
     VideoId,
     WebhookOf,
     problems,
@@ -84,9 +85,11 @@ async def create_video_from_url(
 
 
 @router.get("", responses=problems())
-async def list_videos(services: ServicesDep, caller: CallerDep, asked: _media.PageDep) -> MediaPage:
+async def list_videos(
+    services: ServicesDep, caller: CallerDep, asked: _media.PageDep, cursor: VideoCursor = None
+) -> MediaPage:
     """List videos, newest first. All given filters must match."""
-    return await services.calls.read(_media.page, services, caller, Role.VIDEO, asked)
+    return await services.calls.read(_media.page, services, caller, Role.VIDEO, asked, cursor)
 
 
 @router.get("/{video_id}", response_model=MediaBody, responses=UNCHANGED | problems(404))

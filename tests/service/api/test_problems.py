@@ -70,9 +70,11 @@ def test_what_is_wrong_is_said_in_words_and_not_in_patterns(api: Api) -> None:
         "/looks/0/colour": "there is no such field here",
         "/metadata/a b": "a name has up to 40 letters, digits, `_`, `.`, `-`",
     }
-    for listed in ("videos", "references", "jobs", "webhooks", "uploads"):
-        detail = client.get(f"/{listed}?cursor=x").json()["detail"]
-        assert detail == "/query/cursor: this is not the `next_cursor` of a page"
+    lists = {"videos": "vid", "references": "ref", "jobs": "job", "webhooks": "msg", "uploads": "upl"}
+    for listed in lists:
+        for wrong in ["x", *(f"{prefix}_{0:032x}" for other, prefix in lists.items() if other != listed)]:
+            detail = check(client.get(f"/{listed}?cursor={wrong}"), 422)["detail"]
+            assert detail == "/query/cursor: this is not the `next_cursor` of a page"
     detail = client.get("/videos?metadata=x").json()["detail"]
     assert "this is not name:value" in detail
     assert "pattern" not in detail
