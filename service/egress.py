@@ -105,6 +105,14 @@ class Fetched:
     chunks: AsyncIterator[bytes]
 
 
+@dataclass(frozen=True)
+class Received:
+    """What a receiver answered. ``leads_on``: that it is at another place, which is not asked."""
+
+    status: int
+    leads_on: bool
+
+
 class Egress:
     """Requests to addresses that others name. One is for one process; it may be used by several threads."""
 
@@ -154,8 +162,10 @@ class Egress:
         self._checked(literal)
         return parsed
 
-    def post(self, url: str, *, headers: Mapping[str, str], content: bytes, timeout_s: float, owner: str = "") -> int:
-        """Send ``content`` and return the status of the answer, whose body is dropped. Redirects are not followed.
+    def post(
+        self, url: str, *, headers: Mapping[str, str], content: bytes, timeout_s: float, owner: str = ""
+    ) -> Received:
+        """Send ``content`` and return what was answered, without its body. Redirects are not followed.
 
         ``owner`` is in whose share of the lookups its name is looked up. For threads without an event loop. All of it
         takes ``timeout_s`` at most. Raises `UrlNotAllowedError`, `FetchFailedError` when there is no answer, and
@@ -163,25 +173,27 @@ class Egress:
         """
         return asyncio.run(self._post(url, headers, content, timeout_s, owner))
 
-    async def _post(self, url: str, headers: Mapping[str, str], content: bytes, timeout_s: float, owner: str) -> int:
-        status: int | None = None
+    async def _post(
+        self, url: str, headers: Mapping[str, str], content: bytes, timeout_s: float, owner: str
+    ) -> Received:
+        received: Received | None = None
         limits = {"head_s": timeout_s, "silence_s": timeout_s}
         try:
             async with (
                 asyncio.timeout(timeout_s),
                 self._sent("POST", self.check(url), owner, headers=headers, content=content, **limits) as response,
             ):
-                status = response.status_code
+                received = Received(response.status_code, _place(response) is not None)
                 dropped = 0
                 async for chunk in pieces(response):
                     dropped += len(chunk)
                     if dropped > _DROPPED_BYTES:
                         break
         except (TimeoutError, httpx.HTTPError) as error:
-            if status is None:
+            if received is None:
                 raise _failed(error) from error
-            return status  # it was received, whatever becomes of the rest
-        return status
+            # it was received, whatever becomes of the rest
+        return received
 
     @asynccontextmanager
     async def stream(self, url: str, *, owner: str = "") -> AsyncIterator[Fetched]:
@@ -210,8 +222,8 @@ class Egress:
                         target, silence_s = self.check(url), self._settings.body_timeout_s
                         asking = self._sent("GET", target, owner, head_s=_HEAD_S, silence_s=silence_s)
                         response = await asked.enter_async_context(asking)
-                    place = response.headers.get("location")
-                    if response.status_code not in _REDIRECTS or place is None:  # without a place it leads nowhere
+                    place = _place(response)
+                    if place is None:
                         await held.enter_async_context(asked.pop_all())
                         return self._file(target, response)
                 url = str(target.join(place))
@@ -395,6 +407,11 @@ class _Resolver:
 
 def _has_zone(address: Address) -> bool:
     return isinstance(address, ipaddress.IPv6Address) and address.scope_id is not None
+
+
+def _place(response: httpx.Response) -> str | None:
+    """Where a redirect leads to; None for what is none, or says no place."""
+    return response.headers.get("location") if response.status_code in _REDIRECTS else None
 
 
 def _port(url: httpx.URL) -> int:

@@ -217,7 +217,7 @@ class Deliverer:
             attempt.delivery.id, round(self._database.now().timestamp()), body, attempt.secrets
         ) | {"Content-Type": "application/json"}
         try:
-            status = self._egress.post(
+            received = self._egress.post(
                 attempt.delivery.url,
                 headers=headers,
                 content=body,
@@ -226,9 +226,10 @@ class Deliverer:
             )
         except (UrlNotAllowedError, FetchFailedError) as error:
             return None, error.detail
-        if status in _TAKEN:
-            return status, ""
-        return status, "redirects are not followed" if status in range(300, 400) else f"answered with status {status}"
+        if received.status in _TAKEN:
+            return received.status, ""
+        said = "redirects are not followed" if received.leads_on else f"answered with status {received.status}"
+        return received.status, said
 
     def _give_back(self, attempt: Attempt) -> None:
         try:

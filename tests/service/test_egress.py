@@ -238,11 +238,11 @@ def test_a_post_returns_the_status_and_follows_nothing(egress: Egress, here: Rem
     here.answers["/moved"] = answer(b"", "307 Temporary Redirect", Location=f"http://127.0.0.1:{here.port}/")
     here.answers["/long"] = answer(b"x" * 1_000_000, "500 Internal Server Error")
     sent = {"webhook-id": "msg_1", "content-type": "application/json"}
-    assert egress.post(f"{at}/hook", headers=sent, content=b'{"a": 1}', timeout_s=20) == 204
+    assert egress.post(f"{at}/hook", headers=sent, content=b'{"a": 1}', timeout_s=20).status == 204
     assert here.requests[0].endswith(b'\r\n\r\n{"a": 1}')
     assert b"\r\nwebhook-id: msg_1\r\n" in here.requests[0]
-    assert egress.post(f"{at}/moved", headers={}, content=b"", timeout_s=20) == 307
-    assert egress.post(f"{at}/long", headers={}, content=b"", timeout_s=20) == 500
+    assert egress.post(f"{at}/moved", headers={}, content=b"", timeout_s=20).status == 307
+    assert egress.post(f"{at}/long", headers={}, content=b"", timeout_s=20).status == 500
     assert inside.connections == 0
 
 
@@ -269,7 +269,7 @@ def test_a_post_has_all_the_time_that_it_may_take(
     monkeypatch.setattr(egress_module, "_HEAD_S", 0.2)  # these two are of files
     egress = Egress(Settings(data_dir=tmp_path, body_timeout_s=0.2))
     here.answers["/"] = thinks
-    assert egress.post(at, headers={}, content=b"", timeout_s=30) == 204
+    assert egress.post(at, headers={}, content=b"", timeout_s=30).status == 204
     egress.close()
 
 
@@ -311,7 +311,7 @@ def test_an_answer_of_countless_small_pieces_is_given_up_at_once(
     with pytest.raises(FetchFailedError, match="does not answer as HTTP has it"):
         fetch(egress, at)
     if head:
-        assert egress.post(at, headers={}, content=b"", timeout_s=60) == 200
+        assert egress.post(at, headers={}, content=b"", timeout_s=60).status == 200
     else:
         with pytest.raises(FetchFailedError, match="does not answer as HTTP has it"):
             egress.post(at, headers={}, content=b"", timeout_s=60)

@@ -174,6 +174,17 @@ def test_a_redirect_is_a_failure_and_is_not_followed(database: Database, deliver
     assert (only(database).state, only(database).last_error) == ("pending", "redirects are not followed")
 
 
+@pytest.mark.parametrize(("status", "place"), [(304, "/other"), (300, "/other"), (302, "")])
+def test_what_leads_nowhere_is_told_as_what_it_is(
+    database: Database, deliverer: Deliverer, status: int, place: str
+) -> None:
+    with Receiver(answers=(status,), location=place).listening() as receiver:
+        ended_job(database, receiver.url)
+        attempt_all(deliverer)
+    assert (only(database).state, only(database).last_status) == ("pending", status)
+    assert only(database).last_error == f"answered with status {status}"
+
+
 def test_a_receiver_that_is_down_is_told_once_it_is_back(
     database: Database, deliverer: Deliverer, clock: FakeClock
 ) -> None:
