@@ -47,8 +47,18 @@ def not_default(given: argparse.Namespace, *names: str) -> list[str]:
     return [name for name in names if getattr(given, name, None) not in (None, "auto", "copy")]
 
 
-def check_source(given: argparse.Namespace) -> None:
-    """Refuse a source of what is no asset."""
+def check_inputs(given: argparse.Namespace) -> None:
+    """Refuse standard input in the place of a file: what is read is read more than once, and from any place."""
+    named = [getattr(given, name, None) for name in ("input", "a", "b", "reference")]
+    inputs = [path for one in named for path in (one if isinstance(one, list) else [one])]
+    if STANDARD in inputs and not STANDARD.exists():
+        raise ValueError("- is standard input; clips, pictures and assets are read from files")
+
+
+def check_source(given: argparse.Namespace, *, piped: bool = False) -> None:
+    """Refuse a source of what is no asset;  piped: whether pictures on standard input are drawn on."""
+    if given.source == STANDARD and not piped:
+        raise ValueError("--source - is for pictures that `pvg transfer` draws on; name the file of the clip")
     if given.source is not None and given.input.exists() and not is_asset(given.input):
         what = "is for pictures that an asset is drawn on" if given.source == STANDARD else "is an asset's clip"
         raise ValueError(f"--source {given.source} {what}, and {given.input.name} is no asset; give the asset first")

@@ -27,6 +27,7 @@ from pvg._outputs import (
 from pvg._parsed_options import (
     check_clip_options,
     check_codings,
+    check_inputs,
     check_reading,
     check_source,
     is_asset,
@@ -121,7 +122,7 @@ def _printed_for(path: Path, video: VectorVideo) -> Sequence[str]:
 
 def _transfer(given: argparse.Namespace) -> None:
     piped = given.output == STANDARD
-    check_source(given)
+    check_source(given, piped=True)
     source = None if given.source == STANDARD else given.source
     check_reading(given, given.input)
     if piped:
@@ -319,6 +320,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     try:
         with ended_by_signals():
+            check_inputs(given)
             given.run(given)
             sys.stdout.flush()
     except BrokenPipeError:

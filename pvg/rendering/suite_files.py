@@ -37,6 +37,7 @@ _WITH_ALPHA = PixelFormat("yuv444p10le", 10, (0, 0), (0.2126, 0.0722), False)
 _NUMBERED = re.compile(r"\d{6,}\.png")
 _WITHIN = 0.9  # of the matte: pixels whose change is all the look's
 _README = "look-README.txt"
+_NAMED = re.compile(r"((look|matte)(?:-\d+)?(?:\.\w+)?): ")  # how a line there begins: a file, and its stem
 _README_CUBE = "{}: the look's colours, a 3D LUT for the clip's own values ({}); put it on a copy of the clip.\n"
 _README_MATTE = (
     "{}: where the look lies, white on black, frame by frame as the clip; lay that copy over the clip through it.\n"
@@ -68,7 +69,8 @@ def export(
     progress: see `render`; a cube alone has none. Files appear under their names only when all are complete. Raises
     `AssetError` and `MediaError` as `render`; before anything is drawn `ValueError` for an unknown part, matte or size,
     a look of another clip and files in the place of the clip or asset or of `keep`, further files that are not to be
-    replaced; `OSError` where the files cannot be written. Numbered pictures of an export before are removed.
+    replaced; `OSError` where the files cannot be written. What the look-README.txt of an export before names of these
+    parts, such as a matte of another kind, and numbered pictures that are left of it are removed.
     """
     check_vectorized(video)
     _check_sequence("parts", parts)
@@ -99,7 +101,12 @@ def export(
         mattes = [writer.path for writer in writers]
         readme = drafts / _README
         readme.write_text(_readme(cubes, mattes, canvas.info.color), encoding="utf-8")
-        return [_published(path, folder) for path in (*cubes, *mattes, readme)]
+        former = _former(folder, parts)
+        written = [_published(path, folder) for path in (*cubes, *mattes, readme)]
+        inputs = [path for path in (video.source, video.path, *map(Path, keep)) if path is not None and path.exists()]
+        for path in sorted(former - set(written)):
+            _remove(path, inputs)
+        return written
 
 
 def _check_sequence(option: str, given: object) -> None:
@@ -135,6 +142,28 @@ def _published(draft: Path, folder: Path) -> Path:
         if path.name not in names and _NUMBERED.fullmatch(path.name):
             path.unlink()
     return target
+
+
+def _former(folder: Path, parts: Sequence[SuiteFile]) -> set[Path]:
+    """What an export before has written of these parts, as its look-README.txt names it; nothing without one."""
+    try:
+        lines = (folder / _README).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return set()
+    stems = {"cube": "look", "matte": "matte"}
+    made = [stems[part] for part in parts]
+    return {folder / one[1] for one in map(_NAMED.match, lines) if one is not None and one[2] in made}
+
+
+def _remove(path: Path, inputs: Sequence[Path]) -> None:
+    """Remove a file, or the numbered pictures of a folder and the folder if it is empty then, but for the inputs."""
+    pictures = [one for one in path.iterdir() if _NUMBERED.fullmatch(one.name)] if path.is_dir() else [path]
+    for one in pictures:
+        if one.is_file() and not any(one.samefile(given) for given in inputs):
+            one.unlink()
+    if path.is_dir():
+        with suppress(OSError):  # it has other files
+            path.rmdir()
 
 
 def _check_targets(folder: Path, names: Sequence[str], inputs: Sequence[Path | None]) -> None:

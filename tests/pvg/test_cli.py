@@ -532,6 +532,29 @@ def test_an_asset_without_its_clip_names_it(run: Run, asset: Path, reference_ass
     assert "--source" in result.stderr
 
 
+def test_standard_input_in_the_place_of_a_file_is_refused_in_words(
+    run: Run, asset: Path, reference_asset: Path, tmp_path: Path
+) -> None:
+    look, out = ["--reference", reference_asset], ["-o", tmp_path / "o.mp4"]
+    folder, piped = ["-o", tmp_path / "o"], ["--source", "-"]
+    cases: list[tuple[list[str | Path], str]] = [
+        (["export", asset, *look, *piped, *folder], "--source - is for pictures that `pvg transfer` draws on"),
+        (["inspect", asset, *piped, "--layer", "mask", "-o", tmp_path / "o.png"], "--source - is for pictures"),
+        (["inspect", asset, *piped], "--source - is for pictures"),
+        (["vectorize", "-", "-o", tmp_path / "o.pvg"], "- is standard input; clips, pictures and assets are read"),
+        (["transfer", "-", *look, *out], "- is standard input"),
+        (["transfer", asset, *look, "--reference", "-", *folder], "- is standard input"),
+        (["export", asset, "--reference", "-", *folder], "- is standard input"),
+        (["swap", asset, "-", *folder], "- is standard input"),
+        (["inspect", "-"], "- is standard input"),
+    ]
+    for arguments, words in cases:
+        result = run(*arguments)
+        assert (result.returncode, result.stdout) == (2, ""), arguments
+        assert result.stderr.startswith(f"pvg: {words}"), (arguments, result.stderr)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_asset_without_a_face_is_told_so(run: Run, asset: Path, reference_asset: Path, tmp_path: Path) -> None:
     none = tmp_path / "none.pvg"
     shutil.copy(asset, none)

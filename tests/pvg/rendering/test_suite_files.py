@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,6 +165,35 @@ def test_pictures_of_a_longer_export_do_not_stay_among_the_new(
     names = {f"{k:06d}.png" for k in range(video.frame_count)}
     assert {path.name for path in folder.iterdir()} == names | {"notes.png", "000041.txt"}
     assert read_image(folder / "000000.png").width == video.media.width
+
+
+def test_a_matte_of_an_export_before_does_not_stay_beside_the_new(
+    group: pvg.VectorVideo, video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    def export(own: pvg.VectorVideo, **options: Any) -> None:
+        written = pvg.export(own, pvg.transfer(own, dark_reference), tmp_path, size=2, **options)
+        notes = {tmp_path / "notes.mkv", tmp_path / "matte-7.mov"}
+        assert set(tmp_path.iterdir()) - notes - unasked == set(written)
+
+    unasked: set[Path] = set()
+    export(group)
+    (tmp_path / "notes.mkv").write_bytes(b"mine")  # and so is what no export names
+    (tmp_path / "matte-7.mov").write_bytes(b"mine")
+    for matte in ("ffv1", "png", "prores"):  # nor a cube or matte of a person who is in this one no more
+        export(video, matte=matte)
+    unasked = {tmp_path / "look.cube"}
+    export(video, parts=["matte"])
+    assert {(tmp_path / name).read_bytes() for name in ("notes.mkv", "matte-7.mov")} == {b"mine"}
+
+
+def test_what_an_export_reads_stays_though_it_was_of_an_export_before(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    look = pvg.transfer(video, dark_reference)
+    pvg.export(video, look, tmp_path, parts=["matte"], matte="png")
+    (tmp_path / "matte" / "of-mine.txt").touch()
+    pvg.export(video, look, tmp_path, parts=["matte"], keep=[tmp_path / "matte" / "000003.png"])
+    assert {path.name for path in (tmp_path / "matte").iterdir()} == {"000003.png", "of-mine.txt"}
 
 
 def test_an_export_that_fails_leaves_no_folder(
