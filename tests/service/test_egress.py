@@ -9,14 +9,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from queue import SimpleQueue
 from socket import socket
 
 import pytest
 
 from service import egress as egress_module
-from service.egress import _RESOLVERS, _RESOLVERS_OF_ONE, MAX_REDIRECTS, Egress, _Resolver, is_public
-from service.errors import FetchFailedError, ServiceError, StoppingError, UrlNotAllowedError
+from service.egress import MAX_REDIRECTS, Egress, is_public
+from service.errors import FetchFailedError, ServiceError, UrlNotAllowedError
 from service.settings import Settings
 from tests.promises import Drill
 from tests.service.remote import (
@@ -31,7 +30,6 @@ from tests.service.remote import (
     remote,
 )
 from tests.service.servers import free_port
-from tests.waiting import until
 
 __all__ = ["connected", "names", "public_loopback"]
 
@@ -459,80 +457,3 @@ def test_a_certificate_must_be_of_the_name(
             with pytest.raises(FetchFailedError, match="certificate"):
                 fetch(egress, f"https://{host}:{server.port}/")
     assert asked_for == ["studio.example", "studio.example", "other.example", None]
-
-
-class HangingNames:
-    """A name server that says nothing until it is told to; ``asked`` are the names that have come to it."""
-
-    def __init__(self) -> None:
-        self.asked: SimpleQueue[str] = SimpleQueue()
-        self.told = threading.Event()
-
-    def find(self, name: str, port: int, **_: object) -> list[tuple[str, int]]:
-        self.asked.put(name)
-        assert self.told.wait(60)
-        return [(name, port)]
-
-
-@pytest.fixture
-def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[HangingNames]:
-    made = HangingNames()
-    monkeypatch.setattr("service.egress.socket.getaddrinfo", made.find)
-    yield made
-    made.told.set()
-
-
-def test_more_names_than_threads_are_looked_up_one_after_another(hanging: HangingNames) -> None:
-    resolver = _Resolver()
-    found = [resolver.look_up(f"key_{number}", f"{number}.example", 80) for number in range(_RESOLVERS * 2)]
-    first = {hanging.asked.get(timeout=60) for _ in range(_RESOLVERS)}
-    assert first == {f"{number}.example" for number in range(_RESOLVERS)}
-    assert sum(one.running() for one in found) == _RESOLVERS
-    assert hanging.asked.empty()
-    hanging.told.set()
-    assert [one.result(60) for one in found] == [[(f"{number}.example", 80)] for number in range(len(found))]
-    resolver.close()
-
-
-def test_an_owner_whose_name_server_hangs_holds_up_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    hanging, quick = HangingNames(), [("address", 80)]
-
-    def find(name: str, port: int, **_: object) -> list[tuple[str, int]]:
-        return hanging.find(name, port) if name.endswith(".hangs.example") else quick
-
-    monkeypatch.setattr("service.egress.socket.getaddrinfo", find)
-    resolver = _Resolver()
-    found = [resolver.look_up("key_a", f"{number}.hangs.example", 80) for number in range(_RESOLVERS * 2)]
-    for one in found[_RESOLVERS_OF_ONE + 1 :]:
-        one.cancel()  # its request has ended, and nobody waits for it
-    assert resolver.look_up("key_b", "quick.example", 80).result(60) == quick
-    until(lambda: hanging.asked.qsize() == _RESOLVERS_OF_ONE)
-    own = resolver.look_up("key_a", "quick.example", 80)
-    assert len(resolver._waiting) == 2, "what nobody waits for is forgotten"
-    hanging.told.set()
-    assert own.result(60) == quick
-    assert hanging.asked.qsize() == _RESOLVERS_OF_ONE + 1
-    resolver.close()
-
-
-def test_a_resolver_that_is_closed_looks_no_more_names_up(hanging: HangingNames) -> None:
-    before = set(threading.enumerate())
-    resolver = _Resolver()
-    found = [resolver.look_up(f"key_{number}", f"{number}.example", 80) for number in range(_RESOLVERS + 3)]
-    threads = set(threading.enumerate()) - before
-    assert len(threads) == _RESOLVERS
-    for _ in threads:
-        hanging.asked.get(timeout=60)
-    found[-1].cancel()  # nobody waits for it any more
-    resolver.close()
-    for one in found[_RESOLVERS:-1]:
-        with pytest.raises(StoppingError):
-            one.result(60)
-    with pytest.raises(StoppingError):
-        resolver.look_up("", "late.example", 80)
-    hanging.told.set()
-    assert all(one.result(60) for one in found[:_RESOLVERS])
-    for thread in threads:
-        thread.join(60)
-        assert not thread.is_alive()
-    assert hanging.asked.empty()

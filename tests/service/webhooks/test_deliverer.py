@@ -17,8 +17,9 @@ from sqlalchemy import select, update
 from service.catalog import Database, Delivery, Job, leases, webhooks
 from service.catalog.transitions import Step
 from service.catalog.webhooks import Attempt, Due
-from service.egress import _RESOLVERS, Egress
+from service.egress import Egress
 from service.errors import stored_problem
+from service.resolving import RESOLVERS
 from service.settings import Settings
 from service.webhooks.deliverer import CONCURRENCY, PER_ORIGIN, RETRIES_S, Deliverer
 from tests.service.catalog.test_webhooks import announce, deliveries, ended_job, job_in
@@ -327,7 +328,7 @@ def test_what_a_service_that_stops_has_not_asked_for_costs_no_attempt(
             one.url, one.next_at = "http://waiting.example/", database.now()
     monkeypatch.setattr(socket, "getaddrinfo", hanging)
     lookups = [
-        deliverer._egress._resolver.look_up(f"key_{number}", f"{number}.example", 80) for number in range(_RESOLVERS)
+        deliverer._egress._resolver.look_up(f"key_{number}", f"{number}.example", 80) for number in range(RESOLVERS)
     ]
     for _ in lookups:
         assert asked.acquire(timeout=60)
