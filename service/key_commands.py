@@ -10,7 +10,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from service.catalog import Key, keys
+from service.catalog import Key, amounts, keys
 from service.catalog.belongings import Belongings
 from service.catalog.keys import Limits
 from service.catalog.migrations import has_table, migrate
@@ -91,8 +91,8 @@ def list_keys() -> None:
                         f"{key.created_at:{_TIME}}",
                     ),
                     f"{key.requests_per_minute}/min",
-                    f"{keys.active_jobs(session, key.id)}/{key.active_jobs} jobs",
-                    f"{keys.stored_bytes(session, key.id)}/{key.stored_bytes} bytes",
+                    f"{amounts.active_jobs(session, key.id)}/{key.active_jobs} jobs",
+                    f"{amounts.stored_bytes(session, key.id)}/{key.stored_bytes} bytes",
                     *([f"former secret until {until:{_TIME}}"] if (until := keys.former_until(key, now=now)) else []),
                 )
             )

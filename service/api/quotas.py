@@ -9,7 +9,7 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
-from service.catalog import Key, keys, resumable
+from service.catalog import Key, amounts, keys, resumable
 from service.errors import Limit, QuotaExceededError, UnauthorizedError
 
 #: of files that are announced and have not arrived, the same for every owner: nobody sends so many at a time
@@ -80,7 +80,7 @@ def check(
         raise _exceeded("open-uploads", MAX_OPEN_UPLOADS, detail, _JOBS_RETRY_S)
     if key is None:
         return
-    if jobs and keys.active_jobs(session, owner) + jobs > key.active_jobs:
+    if jobs and amounts.active_jobs(session, owner) + jobs > key.active_jobs:
         detail = f"this key may have at most {key.active_jobs} unfinished job(s); wait for some, or cancel them"
         raise _exceeded("active-jobs", key.active_jobs, detail, _JOBS_RETRY_S)
     if size_bytes or lately is None or not lately.was_within(owner, key.stored_bytes):
@@ -104,11 +104,11 @@ def check_bytes(
     """
     if key is None:
         return
-    stored = keys.stored_bytes(session, owner)
+    stored = amounts.stored_bytes(session, owner)
     wanted = stored + size_bytes
     may = f"this key may keep {key.stored_bytes} bytes of media, assets and results"
     if wanted > key.stored_bytes:
-        end = keys.next_expiry(session, owner)
+        end = amounts.next_expiry(session, owner)
         wait_s = math.ceil((end - now).total_seconds()) if end is not None else _LONGEST_RETRY_S
         wait_s = min(max(1, wait_s), _LONGEST_RETRY_S)
         more = f", and {size_bytes} more are too many" if size_bytes else ""
@@ -123,7 +123,7 @@ def check_bytes(
 def left_bytes(session: Session, owner: str) -> int | None:
     """How many bytes more an owner may keep by what is recorded, below 0 for one that has too many; None for any."""
     key = keys.get(session, owner)
-    return None if key is None else key.stored_bytes - keys.stored_bytes(session, owner)
+    return None if key is None else key.stored_bytes - amounts.stored_bytes(session, owner)
 
 
 def _exceeded(policy: str, quota: int, detail: str, retry_s: int) -> QuotaExceededError:

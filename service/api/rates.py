@@ -17,8 +17,8 @@ from typing import Final
 
 from sqlalchemy.exc import DBAPIError
 
-from service.catalog import Database, keys
-from service.catalog.keys import WINDOW_S, Share
+from service.catalog import Database, windows
+from service.catalog.windows import WINDOW_S, Share
 from service.errors import Limit, QuotaExceededError
 from service.outages import is_disk_full
 
@@ -82,7 +82,7 @@ class _Held:
 
     def is_stale(self, window: int) -> bool:
         """It is of a window that is over, or, since the clock was set back, of one that is yet to come."""
-        return self.window < window or keys.is_ahead(self.window, window)
+        return self.window < window or windows.is_ahead(self.window, window)
 
 
 class Rates:
@@ -123,7 +123,7 @@ class Rates:
         wanted = math.ceil(limit / _SHARES)
         try:
             with self._database.write() as session:
-                return keys.take_share(session, key_id, window=held.window, wanted=wanted)
+                return windows.take_share(session, key_id, window=held.window, wanted=wanted)
         except DBAPIError as error:
             if not is_disk_full(error):
                 raise

@@ -1,13 +1,14 @@
 """The records: media, jobs, looks and results in the database, and the state machines that keep them consistent.
 
-`jobs`, `parts`, `leases`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
-`statistics`, `ledger`, `sweep`, `belongings`, `set_back`, `tombstones`, `collecting`, `webhooks` and `workers` hold the
-operations, each on an open transaction of `Database`.
+`jobs`, `parts`, `leases`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `amounts`,
+`windows`, `idempotency`, `statistics`, `ledger`, `sweep`, `belongings`, `set_back`, `tombstones`, `collecting`,
+`webhooks` and `workers` hold the operations, each on an open transaction of `Database`.
 """
 
 from __future__ import annotations
 
 from service.catalog import (
+    amounts,
     belongings,
     collecting,
     fairness,
@@ -27,6 +28,7 @@ from service.catalog import (
     sweep,
     tombstones,
     webhooks,
+    windows,
     workers,
 )
 from service.catalog.clock import Clock, utc_now
@@ -159,6 +161,7 @@ __all__ = [
     "UploadPart",
     "VectorSettings",
     "VectorizeRequest",
+    "amounts",
     "belongings",
     "collecting",
     "content_type_of",
@@ -185,5 +188,6 @@ __all__ = [
     "vector_settings",
     "vectorize_request",
     "webhooks",
+    "windows",
     "workers",
 ]

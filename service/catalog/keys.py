@@ -1,5 +1,7 @@
 """Keys: who may use the service, what belongs to whom, and how much each may ask for and keep.
 
+How much that is at the moment is counted in `amounts`, requests in `windows`.
+
 A key's text is ``pvg_``, its id's 32 hex digits, ``_`` and a secret of 256 random bits. Only the sha-256 of the secret
 is stored. A slow hash, as passwords need, would add nothing: nobody can try 2²⁵⁶ secrets, whatever a try costs.
 """
@@ -10,7 +12,6 @@ import hashlib
 import hmac
 import re
 import secrets
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from datetime import datetime
 from typing import Final
@@ -20,27 +21,20 @@ from sqlalchemy.orm import Session, aliased
 
 from service.catalog.database import changed
 from service.catalog.models import (
-    ACTIVE,
     Delivery,
     IdempotentRequest,
     Job,
     Key,
     Look,
     Media,
-    PartFile,
     Result,
     ResumableUpload,
-    UploadPart,
 )
 from service.catalog.requests import VectorSettings
 from service.ids import new_id
 
 #: the owner of what was made while there were no keys
 NOBODY: Final = ""
-#: seconds of the window in which requests are counted
-WINDOW_S: Final = 60
-#: what a piece of a file takes on a disk at least
-PIECE_BYTES: Final = 4096
 
 _TEXT: Final = re.compile(r"pvg_([0-9a-f]{32})_([A-Za-z0-9_-]{43})")
 _ID: Final = re.compile(r"key_[0-9a-f]{32}")
@@ -191,9 +185,6 @@ def adopt(session: Session, key: Key, *, owner: str = NOBODY) -> tuple[int, int]
 _SETTINGS: Final = tuple(one.name for one in fields(VectorSettings))
 
 
-# what a key uses
-
-
 def get(session: Session, owner: str) -> Key | None:
     """The key of this owner; None for nobody."""
     return session.get(Key, owner) if owner != NOBODY else None
@@ -211,72 +202,3 @@ def seals(session: Session, owner: str, *, now: datetime) -> list[str]:
 def lock(session: Session, owner: str) -> Key | None:
     """The key of this owner, kept from other transactions that ask for it, so that its quotas are exact."""
     return session.get(Key, owner, with_for_update=True) if owner != NOBODY else None
-
-
-def active_jobs(session: Session, owner: str) -> int:
-    """How many unfinished jobs an owner has."""
-    mine = (Job.state.in_(ACTIVE), Job.owner == owner, Job.parent_id.is_(None))
-    return session.scalar(select(func.count()).select_from(Job).where(*mine)) or 0
-
-
-def stored_bytes(session: Session, owner: str) -> int:
-    """How many bytes an owner's media, assets, results and what its jobs in parts have drawn take.
-
-    With them those that arrive in pieces will take, of which none counts for less than `PIECE_BYTES`.
-    """
-    of_media = func.sum(Media.size_bytes + func.coalesce(Media.asset_bytes, 0))
-    media = session.scalar(select(of_media).where(Media.owner == owner)) or 0
-    kept = (Result.owner == owner, Result.blob_key.is_not(None))
-    results = session.scalar(select(func.sum(Result.size_bytes)).where(*kept)) or 0
-    open_ = (ResumableUpload.owner == owner, ResumableUpload.media_id.is_(None))
-    arriving = session.scalar(select(func.sum(ResumableUpload.size_bytes)).where(*open_)) or 0
-    pieces = select(func.sum(PIECE_BYTES - UploadPart.size_bytes)).join(ResumableUpload).where(*open_)
-    blocks = session.scalar(pieces.where(UploadPart.size_bytes < PIECE_BYTES)) or 0
-    # few files, of jobs that go on: each asks for its job, not each of the owner's jobs for files
-    is_mine = exists(select(Job.id).where(Job.id == PartFile.part_id, Job.owner == owner))
-    drawn = session.scalar(select(func.sum(PartFile.size_bytes)).where(is_mine)) or 0
-    return int(media) + int(results) + int(arriving) + int(blocks) + int(drawn)
-
-
-def next_expiry(session: Session, owner: str) -> datetime | None:
-    """When the first of an owner's bytes go by themselves: of an upload whose size is not known none count."""
-    kept = (Result.owner == owner, Result.blob_key.is_not(None))
-    open_ = (ResumableUpload.owner == owner, ResumableUpload.media_id.is_(None), ResumableUpload.size_bytes > 0)
-    ends: Sequence[datetime | None] = (
-        session.scalar(select(func.min(ResumableUpload.expires_at)).where(*open_)),
-        session.scalar(select(func.min(Media.expires_at)).where(Media.owner == owner)),
-        session.scalar(select(func.min(Result.expires_at)).where(*kept)),
-    )
-    return min((end for end in ends if end is not None), default=None)
-
-
-@dataclass(frozen=True)
-class Share:
-    """Requests of one window that were handed to one process."""
-
-    window: int
-    granted: int
-    #: of all processes, this share included
-    taken: int
-
-
-def is_ahead(held: int, window: int) -> bool:
-    """Requests were counted in a window that no clock can be in yet: the clock was set back, and they count no more."""
-    return held > window + 1
-
-
-def take_share(session: Session, key_id: str, *, window: int, wanted: int) -> Share:
-    """Hand at most ``wanted`` of a key's requests of this window to a process; fewer, or none, when others have them.
-
-    ``window`` counts `WINDOW_S` from 1970. A process whose clock is a little behind gets of the window that others are
-    in; see `is_ahead` for a clock that was set back.
-    """
-    key = session.get(Key, key_id, with_for_update=True)
-    if key is None:  # keys are never deleted by the service
-        return Share(window, 0, 0)
-    current = window if is_ahead(key.window_number, window) else max(window, key.window_number)
-    taken = key.window_requests if key.window_number == current else 0
-    granted = max(0, min(wanted, key.requests_per_minute - taken))
-    key.window_number, key.window_requests = current, taken + granted
-    session.flush()
-    return Share(current, granted, taken + granted)

@@ -31,7 +31,7 @@ from service.api.services import Services
 from service.api.storing import store
 from service.api.tus import Checksum
 from service.api.uploads import FileSink, Intake, ReceivedFile, clean_name
-from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, keys, resumable, vector_settings
+from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, amounts, resumable, vector_settings
 from service.errors import (
     ChecksumError,
     ConflictError,
@@ -386,7 +386,7 @@ def _check_room(services: Services, upload: ResumableUpload, size_bytes: int) ->
             raise ConflictError(
                 f"{upload.id} has {MAX_PARTS} pieces, the most there may be; begin again with larger ones"
             )
-        if (more := keys.PIECE_BYTES - size_bytes) > 0:
+        if (more := amounts.PIECE_BYTES - size_bytes) > 0:
             quotas.check(session, upload.owner, now=services.database.now(), jobs=0, size_bytes=more, lock=False)
 
 

@@ -27,8 +27,8 @@ from service.api.schemas import (
 )
 from service.api.services import Services
 from service.api.sniffing import FORMATS
-from service.catalog import HELD, IMAGE_CONTAINERS, MAX_CRF, keys, ledger
-from service.catalog.keys import WINDOW_S
+from service.catalog import HELD, IMAGE_CONTAINERS, MAX_CRF, amounts, keys, ledger
+from service.catalog.windows import WINDOW_S
 from service.egress import MAX_REDIRECTS, MAX_URL_CHARACTERS
 
 router = APIRouter(tags=["service"])
@@ -105,7 +105,7 @@ def _usage(services: Services, owner: str) -> UsageBody:
     with services.database.read() as session:
         key = keys.get(session, owner)
         months = [MonthBody.model_validate(asdict(one)) for one in ledger.months(session, owner, now=now)]
-        active, stored = keys.active_jobs(session, owner), keys.stored_bytes(session, owner)
+        active, stored = amounts.active_jobs(session, owner), amounts.stored_bytes(session, owner)
     limits = None if key is None else keys.limits_of(key)
     window, second = divmod(int(now.timestamp()), WINDOW_S)
     counted = key is not None and key.window_number == window

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from service.api import draining, quotas
 from service.api.arriving import Arriving, Share
-from service.catalog import keys
+from service.catalog import amounts
 from service.catalog.keys import Limits
 from service.errors import QuotaExceededError
 from tests.service.api.test_authentication import Bearer, Holder, holder
@@ -276,7 +276,7 @@ def test_jobs_that_follow_each_other_count_what_a_key_keeps_once(
         return len(counted) * QUOTA
 
     medium = limited.upload().json()["id"]
-    monkeypatch.setattr(keys, "stored_bytes", count)
+    monkeypatch.setattr(amounts, "stored_bytes", count)
     api.services.lately.note(limited.id, QUOTA)
 
     def ask(seed: int) -> int:

@@ -13,7 +13,7 @@ import pytest
 from fastapi.routing import APIRoute
 
 from service.api.routers import ROUTERS
-from service.catalog import Key, jobs, keys
+from service.catalog import Key, amounts, jobs, keys
 from service.catalog.keys import Limits
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
@@ -240,7 +240,7 @@ def test_a_result_belongs_to_the_key_of_its_job(keyed: Api) -> None:
     with keyed.services.database.read() as session:
         found = jobs.get(session, job["id"], owner=one.id)
         assert found is not None
-        assert keys.stored_bytes(session, one.id) == len(MP4) + 30 + 5
+        assert amounts.stored_bytes(session, one.id) == len(MP4) + 30 + 5
 
 
 def test_claims_of_a_key_are_counted_for_its_jobs_alone(keyed: Api) -> None:
@@ -248,4 +248,4 @@ def test_claims_of_a_key_are_counted_for_its_jobs_alone(keyed: Api) -> None:
     video = one.upload(content=MP4 + b"claims").json()
     claim(keyed.services.database, video["job"])
     with keyed.services.database.read() as session:
-        assert keys.active_jobs(session, one.id) == 1
+        assert amounts.active_jobs(session, one.id) == 1

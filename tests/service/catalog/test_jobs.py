@@ -25,8 +25,8 @@ from service.catalog import (
     Progress,
     Role,
     VectorizeRequest,
+    amounts,
     jobs,
-    keys,
     leases,
     ledger,
     media,
@@ -454,9 +454,9 @@ def test_what_an_owner_has_is_found_and_counted_by_indexes(database: Database) -
             jobs.page(session, "", wanted, before=None, limit=2)
         media.page(session, Role.VIDEO, owner="", states=["failed", "ready"], before=None, limit=2)
         jobs.find_same(session, "", "0" * 64, now=database.now())
-        keys.active_jobs(session, "")
-        keys.stored_bytes(session, "")
-        keys.next_expiry(session, "")
+        amounts.active_jobs(session, "")
+        amounts.stored_bytes(session, "")
+        amounts.next_expiry(session, "")
         ledger.months(session, "", now=database.now())
         sweep.expire_jobs(session, before=database.now())
         sweep.late_media(session, now=database.now())

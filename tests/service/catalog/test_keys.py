@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy.exc import IntegrityError
 
 from service.api.rates import Rates
-from service.catalog import Database, Key, keys, media
+from service.catalog import Database, Key, amounts, keys, media, windows
 from service.catalog.keys import Limits
 from tests.service.fixtures import FakeClock, add_media
 
@@ -86,8 +86,8 @@ def test_what_belongs_to_nobody_is_given_to_a_key_but_for_what_it_has(database: 
     with database.read() as session:
         owners = [session.get_one(type(one), one.id).owner for one in (theirs, same, other)]
         assert owners == [key.id, "", key.id]
-        assert keys.active_jobs(session, key.id) == 2  # the job of what stays, stays
-        assert keys.stored_bytes(session, key.id) == 20
+        assert amounts.active_jobs(session, key.id) == 2  # the job of what stays, stays
+        assert amounts.stored_bytes(session, key.id) == 20
         assert media.get(session, other.id, owner="") is None
 
 
@@ -133,14 +133,14 @@ def test_a_process_whose_clock_is_a_little_behind_counts_with_the_others(databas
 def test_a_rate_costs_a_process_few_writes(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     key, _ = make(database)
     taken = 0
-    original = keys.take_share
+    original = windows.take_share
 
-    def counted(*args: object, **options: object) -> keys.Share:
+    def counted(*args: object, **options: object) -> windows.Share:
         nonlocal taken
         taken += 1
         return original(*args, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(keys, "take_share", counted)
+    monkeypatch.setattr(windows, "take_share", counted)
     rates = Rates(database)
     assert sum(rates.take(key.id, 600).granted for _ in range(1000)) == 600
     assert taken <= 21

@@ -22,10 +22,10 @@ from service.catalog import (
     Output,
     PartKind,
     Progress,
+    amounts,
     fairness,
     forecast,
     jobs,
-    keys,
     leases,
     media,
     parts,
@@ -100,16 +100,16 @@ def publish(database: Database, lease: Lease) -> bool:
 def test_what_parts_have_drawn_is_among_what_their_owner_keeps(database: Database) -> None:
     job_id, part_ids = parted(database, owner="key_a")
     with database.read() as session:
-        before = keys.stored_bytes(session, "key_a")
+        before = amounts.stored_bytes(session, "key_a")
     for part_id in part_ids[:2]:
         finish(database, claim(database, part_id))
     with database.read() as session:
-        assert keys.stored_bytes(session, "key_a") == before + 20
-        assert keys.stored_bytes(session, "key_b") == 0
+        assert amounts.stored_bytes(session, "key_a") == before + 20
+        assert amounts.stored_bytes(session, "key_b") == 0
     with database.write() as session:
         assert jobs.cancel(session, job_id, now=database.now())
     with database.read() as session:
-        assert keys.stored_bytes(session, "key_a") == before
+        assert amounts.stored_bytes(session, "key_a") == before
 
 
 def left(database: Database) -> tuple[int, int, int]:
@@ -497,7 +497,7 @@ def test_clients_see_the_job_alone(database: Database, clock: FakeClock) -> None
         assert job_id in seen
         assert not seen & set(part_ids)
         assert jobs.page(session, "", Filter(ids=part_ids), before=None, limit=50) == []
-        assert keys.active_jobs(session, "") == 1
+        assert amounts.active_jobs(session, "") == 1
         found = statistics.collect(session, now=clock(), alive_since=clock())
         assert found.active == {("render", "running"): 1}
         assert found.parts == {"queued": 1, "running": 1}

@@ -10,6 +10,7 @@ from service.catalog import (
     ResumableUpload,
     Role,
     UploadPart,
+    amounts,
     keys,
     media,
     resumable,
@@ -126,17 +127,17 @@ def test_what_is_arriving_counts_with_its_whole_length_until_it_is_a_medium(data
         key, _ = keys.create(session, "studio", limits, now=database.now())
     begin(database, None, owner=key.id)
     with database.read() as session:  # nothing is free when it ends
-        assert (keys.stored_bytes(session, key.id), keys.next_expiry(session, key.id)) == (0, None)
+        assert (amounts.stored_bytes(session, key.id), amounts.next_expiry(session, key.id)) == (0, None)
     upload = begin(database, owner=key.id)
     with database.read() as session:
-        assert keys.stored_bytes(session, key.id) == 300
-        assert keys.next_expiry(session, key.id) is not None
+        assert amounts.stored_bytes(session, key.id) == 300
+        assert amounts.next_expiry(session, key.id) is not None
     with database.write() as session:
         found = resumable.get(session, upload, now=database.now())
         assert found is not None
         resumable.close(session, found, media_id="vid_0", size_bytes=300, now=database.now())
     with database.write() as session:
-        assert keys.stored_bytes(session, key.id) == 0
+        assert amounts.stored_bytes(session, key.id) == 0
         # what nobody began is given with the rest
         keys.adopt(session, key)
     with database.read() as session:
