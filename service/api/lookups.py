@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from service.api.forecasts import Forecasts
 from service.api.schemas import JobBody
 from service.api.views import by_result, job_body
-from service.catalog import Job, JobState, jobs, results
+from service.catalog import ENDED, Job, JobState, jobs, media, results
 from service.catalog.forecast import Forecast
 from service.room import Room
 from service.settings import Settings
@@ -24,6 +24,7 @@ def of_jobs(
     made = [look.result_id for of_one in looks.values() for look in of_one if look.result_id]
     files = results.files(session, made)
     kept = results.kept_until(session, files)
+    media_kept = media.kept_until(session, [job.id for job in found if job.media_id is not None and job.state in ENDED])
     of_results = by_result(files)
     no_room = any(job.state == JobState.QUEUED for job in found) and room.is_short()
     return [
@@ -33,6 +34,7 @@ def of_jobs(
             of_results,
             kept,
             settings,
+            medium_until=media_kept.get(job.id),
             no_room=no_room,
             forecast=likely.get(job.id, Forecast()),
         )

@@ -78,18 +78,21 @@ def job_body(
     kept: Mapping[str, datetime],
     settings: Settings,
     *,
+    medium_until: datetime | None = None,
     no_room: bool = False,
     forecast: Forecast = _UNKNOWN,
 ) -> JobBody:
     """The answer that shows a job.
 
     ``files`` are its results, each with its parts, by the result's id, as `by_result` has them; they may be those of
-    other jobs too. ``kept`` says until when results and parts are kept, by their ids. ``no_room`` says that the disk is
-    full, so that jobs wait, and ``forecast`` is what is likely of it.
+    other jobs too. ``kept`` says until when results and parts are kept, by their ids, and ``medium_until`` until when
+    the medium is that it has made. ``no_room`` says that the disk is full, so that jobs wait, and ``forecast`` is what
+    is likely of it.
 
     A look shares its job's state: all are rendered together.
     """
-    expires_at = job.finished_at + timedelta(seconds=settings.job_ttl_s) if job.finished_at is not None else None
+    made = [kept[one.id] for look in looks if look.result_id for one in files.get(look.result_id, ())]
+    made += [] if medium_until is None else [medium_until]
     return JobBody.model_validate(
         {
             "id": job.id,
@@ -117,9 +120,16 @@ def job_body(
             "created_at": job.created_at,
             "started_at": job.started_at,
             "finished_at": job.finished_at,
-            "expires_at": expires_at,
+            "expires_at": _expires_at(job, made, settings),
         }
     )
+
+
+def _expires_at(job: Job, made: Iterable[datetime], settings: Settings) -> datetime | None:
+    """When the record of a job may go: not before what it has ``made``, which is kept until then."""
+    if job.finished_at is None:
+        return None
+    return max([job.finished_at + timedelta(seconds=settings.job_ttl_s), *made])
 
 
 def _timings(job: Job) -> dict[str, float] | None:

@@ -279,6 +279,13 @@ def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: 
     )
 
 
+def kept_until(session: Session, job_ids: Collection[str]) -> dict[str, datetime]:
+    """Until when the media are kept that these jobs have vectorised, and no other since, by the ids of the jobs."""
+    if not job_ids:
+        return {}
+    return dict(iter(session.execute(select(Media.job_id, Media.expires_at).where(Media.job_id.in_(job_ids)))))
+
+
 def is_kept(media: Media, *, now: datetime, ttl_s: float) -> bool:
     """Whether the retention of a medium was counted anew so lately that a use by the way needs no write for it.
 

@@ -3,7 +3,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Collection, Iterator, Sequence
-from datetime import timedelta
+from datetime import datetime, timedelta
+from typing import Any
 
 import pytest
 from sqlalchemy import select
@@ -204,6 +205,36 @@ def test_prefer_wait_holds_the_answer_and_is_said_to_be_applied(api: Api) -> Non
     done = api.client.get(path, headers={"Prefer": "wait=100"})
     assert done.headers["preference-applied"] == "wait=60"
     assert done.json()["expires_at"] > done.json()["finished_at"]
+
+
+def test_the_record_of_a_job_is_kept_as_long_as_what_the_job_has_made(api: Api) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"])
+    asked = {"video": video["id"], "looks": [{"reference": video["id"]}]}
+    drawn = api.client.post("/transfer", json=asked).raise_for_status().json()["id"]
+    make_results(api.services, drawn, [b"look"])
+    with api.services.background.write() as session:  # four weeks ago, of the 30 days for which records are kept
+        for job_id in (video["job"], drawn):
+            job = session.get_one(Job, job_id)
+            assert job.finished_at is not None
+            job.finished_at -= timedelta(days=28)
+    # in use: the retention of the medium, and with the next line that of the look, count from now
+    api.client.post("/videos", content=MP4).raise_for_status()
+    assert api.client.post("/transfer", json=asked).json()["id"] == drawn
+
+    def shown(job_id: str) -> dict[str, Any]:
+        alone: dict[str, Any] = api.client.get(f"/jobs/{job_id}").json()
+        assert alone in api.client.get("/jobs").json()["data"]
+        return alone
+
+    kept_until = api.client.get(f"/videos/{video['id']}").json()["expires_at"]
+    assert shown(video["job"])["expires_at"] == kept_until
+    (look,) = shown(drawn)["looks"]
+    assert shown(drawn)["expires_at"] == look["expires_at"] < kept_until
+    api.client.delete(f"/videos/{video['id']}").raise_for_status()
+    for job_id in (video["job"], drawn):  # nothing is left that it would have to outlive
+        times = (datetime.fromisoformat(shown(job_id)[name]) for name in ("finished_at", "expires_at"))
+        assert next(times) + timedelta(seconds=api.services.settings.job_ttl_s) == next(times)
 
 
 def test_a_job_says_how_its_results_are_written(api: Api) -> None:
