@@ -29,6 +29,9 @@ LOCK_WAIT_S: Final = 0.25
 _WRITERS: Final = 16
 #: threads for requests whose file is being stored or deleted
 _STORERS: Final = 16
+#: threads for requests that ask the store about files, and seconds for which an answer is worth waiting for
+_ASKERS: Final = 4
+_ANSWER_S: Final = 2.0
 #: seconds after which a request gives up, and is answered 503
 _PATIENCE_S: Final = 6.0
 #: after which one that deletes leaves it to the reaper
@@ -45,6 +48,7 @@ class Calls:
     def __init__(self) -> None:
         self._writers = CapacityLimiter(_WRITERS)
         self._storers = CapacityLimiter(_STORERS)
+        self._askers = CapacityLimiter(_ASKERS)
         #: to be one of them: who waits for this waits no longer than is said here
         self._places = asyncio.Semaphore(_STORERS)
 
@@ -98,6 +102,21 @@ class Calls:
         if not await self._has_place(_PATIENCE_S):
             raise UnavailableError("too many files wait to be stored; try again")
         await self._use_place(call, *args, **kwargs)
+
+    async def ask_store(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Run a call that asks the store about files, for a request that can do without the answer.
+
+        Raises `UnavailableError` when there is none soon.
+        """
+
+        def ask() -> T:
+            return call(*args, **kwargs)
+
+        try:
+            async with asyncio.timeout(_ANSWER_S):
+                return await to_thread.run_sync(ask, limiter=self._askers, abandon_on_cancel=True)
+        except TimeoutError as error:
+            raise UnavailableError("the storage does not answer; try again") from error
 
     async def remove(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """Run a call that removes files whose tombstones are written; without a thread for it the reaper does it."""

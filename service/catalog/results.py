@@ -82,6 +82,11 @@ def parts(session: Session, result_ids: Collection[str]) -> list[Result]:
     return list(session.scalars(query))
 
 
+def keys_of(session: Session, job_id: str) -> list[str]:
+    """The blobs of a job's results, and of what was made beside them."""
+    return list(session.scalars(select(Result.blob_key).where(Result.job_id == job_id, Result.blob_key.is_not(None))))
+
+
 def kept_until(session: Session, found: Sequence[Result]) -> dict[str, datetime]:
     """Until when each of these results and parts is kept, by its id: it goes with its video and its reference."""
     if not found:

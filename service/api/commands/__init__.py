@@ -3,7 +3,7 @@
 from service.api.commands import resuming, stills
 from service.api.commands.asked import Asked
 from service.api.commands.checks import WantedLook, WantedOutput, check_look, check_role, check_usable
-from service.api.commands.looks import check_looks, params_of, request_looks
+from service.api.commands.looks import check_looks, find_lost, params_of, request_looks
 from service.api.commands.registering import register
 from service.api.commands.removal import remove, remove_job, take_back
 
@@ -15,6 +15,7 @@ __all__ = [
     "check_looks",
     "check_role",
     "check_usable",
+    "find_lost",
     "params_of",
     "register",
     "remove",

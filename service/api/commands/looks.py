@@ -25,6 +25,8 @@ from service.catalog import (
     results,
     webhooks,
 )
+from service.errors import UnavailableError
+from service.outages import is_outage
 
 
 def check_looks(
@@ -39,6 +41,44 @@ def check_looks(
         check(media.several(session, owner, {*places.values()}), looks, output, places)
 
 
+async def find_lost(
+    services: Services, kind: JobKind, looks: Sequence[WantedLook], output: WantedOutput, asked: Asked
+) -> str | None:
+    """The id of the owner's job of the same looks, if the storage has lost a file of its results.
+
+    None also where the storage does not say.
+    """
+    if asked.force:
+        return None
+    job_id, keys = await services.calls.read(_same, services, kind, looks, output, asked)
+    try:
+        has_lost = bool(keys) and await services.calls.ask_store(_has_lost, services, keys)
+    except Exception as error:
+        if not isinstance(error, UnavailableError) and not is_outage(error):
+            raise
+        return None
+    return job_id if has_lost else None
+
+
+def _same(
+    services: Services, kind: JobKind, looks: Sequence[WantedLook], output: WantedOutput, asked: Asked
+) -> tuple[str | None, list[str]]:
+    """The owner's job of the same looks, and the blobs of its results."""
+    request, outputs = RenderRequest(_output_options(output.options)), _outputs(looks)
+    mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
+    with services.database.read() as session:
+        job = jobs.find_same(session, asked.owner, mark, now=services.database.now())
+        return (None, []) if job is None else (job.id, results.keys_of(session, job.id))
+
+
+def _has_lost(services: Services, keys: Sequence[str]) -> bool:
+    return not all(services.storage.exists(key) for key in keys)
+
+
+def _outputs(looks: Sequence[WantedLook]) -> list[NewLook]:
+    return [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
+
+
 def request_looks(
     services: Services,
     kind: JobKind,
@@ -46,18 +86,20 @@ def request_looks(
     output: WantedOutput,
     places: Mapping[str, str],
     asked: Asked,
+    *,
+    lost: str | None = None,
 ) -> tuple[JobBody, bool]:
     """Record a job that makes these looks and publish it once its media are ready. Returns it, and True when it is new.
 
     The owner's job of the same looks is returned instead while it goes on, or while its results are kept, for a full
-    retention more, unless ``asked.force``. ``places`` are the ids by where in the request they stand, that of a video
-    first. Raises `NotFoundError` for an unknown id, `MediaFailedError` for a medium that failed,
-    `ValidationFailedError` for what does not fit the video, and, of a new job, `QuotaExceededError` and
-    `StorageFullError` when there is too little room to do it.
+    retention more, unless ``asked.force``, and unless it is the ``lost`` one of `find_lost`. ``places`` are the ids by
+    where in the request they stand, that of a video first. Raises `NotFoundError` for an unknown id,
+    `MediaFailedError` for a medium that failed, `ValidationFailedError` for what does not fit the video, and, of a new
+    job, `QuotaExceededError` and `StorageFullError` when there is too little room to do it.
     """
     database, owner = services.database, asked.owner
     request = RenderRequest(_output_options(output.options))
-    outputs = [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
+    outputs = _outputs(looks)
     with database.write() as session:
         now = database.now()
         # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
@@ -68,7 +110,9 @@ def request_looks(
             check_apart(known, looks[0])
         mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
         job = None if asked.force else jobs.find_same(session, owner, mark, now=now)
-        if job is not None and not results.keep(session, job.id, now=now, ttl_s=services.settings.result_ttl_s):
+        if job is not None and (
+            job.id == lost or not results.keep(session, job.id, now=now, ttl_s=services.settings.result_ttl_s)
+        ):
             job = None
         new = job is None
         if job is None:

@@ -119,7 +119,10 @@ async def _accept(
     places: dict[str, str],
     asked: Asked,
 ) -> JobBody:
-    body, new = await services.calls.write(commands.request_looks, services, kind, looks, output, places, asked)
+    lost = await commands.find_lost(services, kind, looks, output, asked)
+    body, new = await services.calls.write(
+        commands.request_looks, services, kind, looks, output, places, asked, lost=lost
+    )
     response.status_code = 202 if new else 200
     response.headers["Location"] = addresses.of_job(services.settings, body.id)
     return body

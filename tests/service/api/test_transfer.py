@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 import timeit
 from dataclasses import asdict
 from typing import Any
+from unittest.mock import Mock
 
 import httpx
 import pytest
+from obstore.exceptions import GenericError
 from pydantic import ValidationError
 
 from service.api import commands
@@ -17,7 +20,7 @@ from service.api.preview_request import PreviewRequest
 from service.api.schemas import LookOptions, SwapRequest, TransferRequest
 from service.api.schemas.jobs import OptionsBody
 from service.api.transfer_form import to_request
-from service.catalog import OutputOptions, Report, jobs, leases, render_request
+from service.catalog import OutputOptions, Report, jobs, leases, render_request, results
 from service.catalog.keys import Limits
 from service.errors import ValidationFailedError
 from service.settings import MAX_LOOKS, Settings
@@ -407,6 +410,41 @@ def test_a_form_that_asks_for_the_same_again_needs_no_further_job(api: Api) -> N
         assert [(one.status_code, one.json().get("id")) for one in again] == [(200, made["id"])] * 3
         # what is not the same is over the quota
         assert client.post("/transfer", data={"video": video, "light": "1"}, files=files).status_code == 429
+
+
+def test_the_same_transfer_is_made_again_where_the_storage_has_lost_a_file_of_it(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"])
+
+    def ask() -> tuple[int, str]:
+        answer = api.client.post("/transfer", json={"video": video["id"], "looks": looks(video["id"])})
+        return answer.status_code, answer.json()["id"]
+
+    _, first = ask()
+    (result_id,) = make_results(api.services, first, [b"look"], parts=[("look.cube", 1, b"cube")])
+    assert ask() == (200, first)
+    with api.services.database.read() as session:
+        keys = results.keys_of(session, first)
+    (cube,) = (key for key in keys if key.endswith(".cube"))
+    api.services.storage.delete(cube)
+    assert api.client.get(f"/results/{result_id}/look.cube").status_code == 410
+
+    # a store that is away, or hangs, has lost nothing
+    monkeypatch.setattr("service.api.calls._ANSWER_S", 0.2)
+    back = threading.Event()
+    for away in (Mock(side_effect=GenericError("no answer")), lambda _: back.wait(60)):
+        with monkeypatch.context() as patch:
+            patch.setattr(api.services.storage, "exists", away)
+            assert ask() == (200, first)
+    back.set()
+
+    status, second = ask()
+    assert (status, second != first) == (202, True)
+    assert ask() == (200, second)
+    make_results(api.services, second, [b"look"])
+    assert ask() == (200, second)
 
 
 def test_the_same_transfer_is_answered_while_there_is_no_room_for_another(
