@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any, cast
 
-import av.sidedata.sidedata
 import av.video.frame
 import numpy as np
 
@@ -27,6 +25,7 @@ from pvg.video.formats import (
     resolve_format,
 )
 from pvg.video.opening import OpenClip
+from pvg.video.side_data import side_data
 
 _BT709 = 1
 _FEW_BITS = tuple(f"{order}5{green}5{end}" for order in ("rgb", "bgr") for green in (5, 6) for end in ("le", "be"))
@@ -64,10 +63,10 @@ class Orientation:
 
 def orientation_of(frame: av.video.frame.VideoFrame) -> Orientation:
     """The frame's display matrix (x' = a x + c y, y' = b x + d y), rounded to quarter turns and mirrors."""
-    raw: Any = cast(Any, frame.side_data).get(av.sidedata.sidedata.Type.DISPLAYMATRIX)
+    raw = side_data(frame).get("DISPLAYMATRIX")
     if raw is None:
         return Orientation()
-    a, b, _, c, d = (int(value) for value in np.frombuffer(bytes(raw), dtype=np.int32)[:5])
+    a, b, _, c, d = (int(value) for value in np.frombuffer(raw, dtype=np.int32)[:5])
     asked = math.degrees(math.atan2(b, a)) % 360
     degrees = round(asked / 90.0) * 90 % 360
     if abs(a) + abs(d) >= abs(b) + abs(c):

@@ -11,7 +11,6 @@ from typing import Any, Literal, cast
 import av
 import av.container
 import av.filter
-import av.sidedata.sidedata
 import av.stream
 import av.video.frame
 import numpy as np
@@ -22,6 +21,7 @@ from pvg.video.languages import stated_language
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.opening import MediaLimits, open_clip, open_container
 from pvg.video.reading import pictures
+from pvg.video.side_data import side_data
 
 Kind = Literal["picture", "sound", "subtitle", "data", "attachment"]
 
@@ -32,7 +32,6 @@ _KINDS: dict[str, Kind] = {
     "attachment": "attachment",
 }
 _SAME_CODEC = {"subrip": "srt", "ssa": "ass", "dvd_subtitle": "dvdsub", "hdmv_pgs_subtitle": "pgssub"}
-_SideData = av.sidedata.sidedata.Type
 _EMBEDDED = (  # what rides in the coded pictures and goes with them
     (("DOVI_METADATA", "DOVI_RPU_BUFFER"), "Dolby Vision metadata"),
     (("DYNAMIC_HDR_PLUS",), "HDR10+ metadata"),
@@ -144,7 +143,7 @@ def read_streams(path: str | Path, limits: MediaLimits | None = None) -> Streams
         order = clip.stream.codec_context.field_order
         first = next(pictures(clip), None)
         order = clip.stream.codec_context.field_order or order
-        found = {} if first is None else dict(_side_data(first))
+        found = {} if first is None else side_data(first)
         fields = None if first is None else fields_of(first, order)
         alpha = first is not None and has_alpha(first)
         return streams_of(clip.container, chosen, found, fields, alpha, clip.set_aside)
@@ -276,16 +275,6 @@ def _until(end_s: Fraction | None, chapters: Iterable[Chapter]) -> Iterator[Chap
     for chapter in chapters:
         if end_s is None or chapter.start_s < end_s:
             yield chapter if end_s is None else replace(chapter, end_s=min(chapter.end_s, end_s))
-
-
-def _side_data(picture: av.video.frame.VideoFrame) -> Iterator[tuple[str, bytes]]:
-    held: Any = picture.side_data
-    riding = (name for names, _ in _EMBEDDED for name in names)
-    for name in (*riding, "MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL"):
-        kind: Any = _SideData.__members__.get(name)
-        data = None if kind is None else held.get(kind)
-        if data is not None:
-            yield name, bytes(data)
 
 
 def fields_of(picture: av.video.frame.VideoFrame, order: int = 0) -> FieldOrder | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,9 +14,11 @@ import numpy as np
 import pytest
 
 from pvg.errors import MediaError
-from pvg.video import make_plan, probe, read_frames
+from pvg.video import make_plan, probe, read_frames, read_streams
 from pvg.video.decoding import DecodingPlan, decoding_plan, to_frame
 from pvg.video.formats import LUMA_WEIGHTS, resolve_format
+from pvg.video.jpeg import into_jpeg
+from pvg.video.metadata_record import PictureMetadata
 from pvg.video.opening import StatedColors
 from tests.gallery.clips import (
     SIZE,
@@ -122,6 +126,39 @@ def test_display_matrices_are_applied(degrees: int, hflip: bool, tmp_path: Path)
             np.testing.assert_array_equal(upright, expected[:, ::-1] if hflip else expected)
     if not hflip:
         assert info.rotation == -degrees % 360
+
+
+@pytest.mark.parametrize(
+    ("orientation", "turned"),
+    [
+        (1, lambda plane: plane),
+        (4, lambda plane: plane[::-1]),
+        (5, lambda plane: plane.T),
+        (6, lambda plane: np.rot90(plane, -1)),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".avi", ".mov"])
+def test_motion_jpeg_is_turned_by_the_exif_of_its_pictures(
+    orientation: int, turned: Callable[[Any], Any], suffix: str, tmp_path: Path
+) -> None:
+    raw = [libav_frame(colorful(k), "yuvj420p") for k in range(3)]
+    plain = encode_raw(tmp_path / f"plain{suffix}", raw, "mjpeg")
+    exif = b"II*\0\x08\0\0\0\1\0" + struct.pack("<HHII", 0x0112, 3, 1, orientation) + bytes(4)
+    path = tmp_path / f"camera{suffix}"
+    with av.open(str(plain)) as source, av.open(str(path), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.size:
+                coded = av.Packet(into_jpeg(bytes(packet), PictureMetadata(exif=exif)))
+                coded.pts, coded.dts, coded.time_base = packet.pts, packet.dts, packet.time_base
+                coded.duration, coded.is_keyframe, coded.stream = packet.duration, True, stream
+                target.mux_one(coded)
+    before, after = list(read_frames(plain)), list(read_frames(path))
+    assert probe(path).frame_count == len(before) == len(after) == 3
+    assert read_streams(path).embedded == ()
+    for one, other in zip(before, after, strict=True):
+        for stored, upright in zip(one.planes, other.planes, strict=True):
+            np.testing.assert_array_equal(upright, turned(stored))
 
 
 def test_columns_that_pictures_are_cropped_by_are_not_shown(tmp_path: Path) -> None:
