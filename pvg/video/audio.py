@@ -14,6 +14,7 @@ import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.containers import has_edits
+from pvg.video.opening import is_left_out
 from pvg.video.plan import Carried
 from pvg.video.sound_formats import sound_shape
 from pvg.video.steady import samples_of_packets, steady_frames, steady_packets, steady_pcm
@@ -51,7 +52,7 @@ class SoundTrack(CarriedTrack):
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         packets = opened.demux(self._source)
         if self.carried.encoder is None:
-            played = _within_edit_list(packets, tells_lead_in=has_edits(self._container))
+            played = _within_edit_list(opened, packets, tells_lead_in=has_edits(self._container))
             yield from map(with_due_time, self._copied(played))
             return
         for frame in steady_frames(self._decoded(packets)):
@@ -98,7 +99,7 @@ def _sorter(frame: Any, track: Track) -> av.filter.Graph:
 
 
 def _within_edit_list(
-    packets: Iterable[av.packet.Packet[Any]], *, tells_lead_in: bool
+    opened: av.container.InputContainer, packets: Iterable[av.packet.Packet[Any]], *, tells_lead_in: bool
 ) -> Iterator[av.packet.Packet[Any]]:
     """The packets that the source's edit list plays, after those that the decoder needs first; no time steps back.
 
@@ -109,13 +110,14 @@ def _within_edit_list(
     """
     begun, last, held = False, None, None
     for packet in packets:
-        if not packet.size or (packet.is_discard and (begun or _is_before_lead_in(packet))):
+        left_out = is_left_out(packet, opened)
+        if not packet.size or (left_out and (begun or _is_before_lead_in(packet))):
             continue
         if packet.dts is not None:
             if last is not None and packet.dts < last:
                 continue
             last = packet.dts
-        begun = begun or not packet.is_discard
+        begun = begun or not left_out
         if not begun and not tells_lead_in:
             held = packet
             continue
@@ -127,7 +129,7 @@ def _within_edit_list(
 
 def _is_before_lead_in(packet: av.packet.Packet[Any]) -> bool:
     """Whether a packet that is not played ends so early that no decoder needs it for what is."""
-    if not packet.is_discard or packet.pts is None:
+    if packet.pts is None:
         return False
     return (packet.pts + (packet.duration or 0)) * packet.time_base < -_LEAD_IN_S
 

@@ -43,9 +43,7 @@ def packet_stamps(path: Path, limits: MediaLimits) -> tuple[list[tuple[int | Non
         unknown = clip.stamps_are_of_coding
         try:
             packets = [
-                (None if unknown else packet.pts, packet.is_keyframe)
-                for packet in clip.packets()
-                if packet.size and not packet.is_discard
+                (None if unknown else packet.pts, packet.is_keyframe) for packet in clip.packets() if clip.shows(packet)
             ]
         except av.error.FFmpegError as error:
             raise MediaError(f"{clip.name} is damaged ({reason(error)}); upload it again") from error

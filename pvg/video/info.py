@@ -88,7 +88,8 @@ def probe(
         info = _probe_clip(clip, limits, input_color)
         claimed, size = max(claimed_bytes(path, kind), _last_sample(clip)), path.stat().st_size
         if is_fragmented(path, kind):
-            info = replace(info, frame_count=0)
+            hidden_s = float(-min(0, clip.stream.start_time or 0) * clip.time_base)
+            info = replace(info, frame_count=0, duration_s=max(0.0, info.duration_s - hidden_s))
         elif _is_over_before_shown(clip, info.duration_s):
             info = replace(info, duration_s=0.0)
     blocks = read_blocks(path) if kind == "matroska" else Blocks(size)

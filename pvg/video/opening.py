@@ -109,10 +109,14 @@ class OpenClip:
             count += 1
 
     def decode(self, packet: Packet) -> list[av.video.frame.VideoFrame]:
-        """The pictures that a packet of the stream completes; an empty packet gives those still held."""
+        """The shown pictures that a packet of the stream completes; an empty packet gives those still held."""
         if self.decoder is None:
-            return packet.decode()
+            return [one for one in packet.decode() if not (self.is_mp4 and _is_before_zero(one))]
         return self.decoder.decode(packet if packet.size else None)
+
+    def shows(self, packet: Packet) -> bool:
+        """Whether the picture of a packet is shown."""
+        return bool(packet.size) and not is_left_out(packet, self.container)
 
     def seek(self, pts: int) -> None:
         """Go to the key picture at or before a time stamp of the stream."""
@@ -179,6 +183,19 @@ def open_clip(path: Path, limits: MediaLimits) -> Iterator[OpenClip]:
         colors = StatedColors(context.color_primaries, context.color_trc, context.colorspace, context.color_range)
         decoder = _alpha_decoder(stream, limits.max_pixels)
         yield OpenClip(path.name, container, stream, len(streams), decoder, aside, colors)
+
+
+def is_left_out(packet: av.packet.Packet[Any], container: av.container.InputContainer) -> bool:
+    """Whether the edit list of an MP4 leaves a packet out; its decoder may need it all the same.
+
+    libav marks those of an index. What an edit list leaves out of fragments it puts before zero, and no more.
+    """
+    return packet.is_discard or (container.format.name == _DEMUXERS["mp4"] and _is_before_zero(packet))
+
+
+def _is_before_zero(item: Any) -> bool:
+    """Whether half of a packet or picture, or more, comes before zero: stamps may be off by their rounding."""
+    return item.pts is not None and item.pts < 0 and 2 * item.pts + (item.duration or 0) <= 0
 
 
 def _picture_streams(container: av.container.InputContainer) -> list[av.video.stream.VideoStream]:

@@ -170,7 +170,7 @@ def pictures(
             if since is not None:
                 early = packet.pts is not None and packet.pts < since()
                 context.skip_frame = "NONREF" if early else "DEFAULT"
-            packets += bool(packet.size and not packet.is_discard)
+            packets += clip.shows(packet)
             for picture in clip.decode(packet):
                 interlaced = interlaced or picture.interlaced_frame
                 begun = begun or picture.key_frame  # at a cut between key pictures those before may lack others

@@ -84,6 +84,12 @@ def edit_list(folder: Path) -> Path:
     return _filled(path, data)
 
 
+def edit_list_of_fragments(folder: Path) -> Path:
+    """A fragmented MP4 whose edit list leaves out the first 6 of 24 frames: its fragments begin before zero."""
+    stamps = range(-6 * _STEP, (FRAMES - 6) * _STEP, _STEP)
+    return _encode(folder / "edit_list_f.mp4", stamps, movflags="frag_keyframe+delay_moov")
+
+
 def negative_start(folder: Path) -> Path:
     """An MP4 without edit list whose pictures begin before zero."""
     return _encode(folder / "negative_start.mp4", range(-200, FRAMES * _STEP - 200, _STEP), use_editlist="0")
@@ -302,6 +308,7 @@ def open_group(folder: Path) -> Path:
 
 MADE: dict[str, Callable[[Path], Path]] = {
     "edit list": edit_list,
+    "edit list of fragments": edit_list_of_fragments,
     "negative start": negative_start,
     "negative start, mkv": negative_start_mkv,
     "late start, mp4": late_start,

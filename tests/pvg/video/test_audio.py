@@ -66,13 +66,20 @@ def test_no_sound_is_written_unless_asked_for(sounding_clip: Path, tmp_path: Pat
 
 
 def _humming_clip(
-    path: Path, codec: str, layout: str = "mono", rate: int = 48000, *, seconds: float = 0.8, ahead_s: float = 0.0
+    path: Path,
+    codec: str,
+    layout: str = "mono",
+    rate: int = 48000,
+    *,
+    seconds: float = 0.8,
+    ahead_s: float = 0.0,
+    **options: str,
 ) -> Path:
     """Pictures for so many seconds, and as long a tone in every channel, of which `ahead_s` lie before them."""
     picture, count = libav_frame(colorful(1, (96, 64))), round(rate * seconds)
     channels = av.AudioLayout(layout).nb_channels
     wave = (np.sin(2 * np.pi * 440 * np.arange(count) / rate) * 0.3 * 2**15).astype(np.int16)
-    with av.open(str(path), "w") as output:
+    with av.open(str(path), "w", options=options) as output:
         video: Any = output.add_stream("mpeg4", rate=25)
         video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
         sound: Any = output.add_stream(codec, rate=rate)
@@ -182,6 +189,21 @@ def test_sound_that_was_cut_away_is_not_heard_again(suffix: str, tmp_path: Path)
     source = _humming_clip(tmp_path / "cut.mp4", "aac", seconds=1.0, ahead_s=0.5)
     with av.open(str(source)) as clip:
         assert any(packet.is_discard for packet in clip.demux(audio=0)), "the cut is in an edit list"
+    target = rewrite_clip(source, tmp_path / f"o{suffix}")
+    picture = next(read_frames(target)).time_s
+    starts = _starts_s(target)
+    assert -0.2 < starts[0] - picture < 0.01
+    assert starts[-1] - picture == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".mov", ".mp4"])
+def test_sound_that_was_cut_away_from_fragments_is_not_heard_again(suffix: str, tmp_path: Path) -> None:
+    flags = {"movflags": "frag_keyframe+delay_moov", "avoid_negative_ts": "disabled"}
+    source = _humming_clip(tmp_path / "cut.mp4", "aac", seconds=1.0, ahead_s=0.5, **flags)
+    with av.open(str(source)) as clip:
+        packets = list(clip.demux(audio=0))
+        assert min(packet.pts for packet in packets if packet.pts is not None) * packets[0].time_base < -0.4
+        assert not any(packet.is_discard for packet in packets), "libav does not mark what is cut"
     target = rewrite_clip(source, tmp_path / f"o{suffix}")
     picture = next(read_frames(target)).time_s
     starts = _starts_s(target)

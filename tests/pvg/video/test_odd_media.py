@@ -102,6 +102,7 @@ TABLE: dict[str, Read | Refused] = {
     "vp9_opus.webm": Read((512, 512), 90, first_s=None, has_audio=True),
     # files made on the spot
     "edit list": Read((96, 64), 18, last_s=0.68),
+    "edit list of fragments": Read((96, 64), 18, last_s=0.68),
     "negative start": Read((96, 64), 24, 0.08, 1.0),  # libav moves the coding order's lead in front of zero
     "negative start, mkv": Read((96, 64), 24, 0.0, 0.92),
     "late start, mp4": Read((96, 64), 24, 3.0, 3.92),
