@@ -339,6 +339,29 @@ def test_a_job_that_is_asked_for_while_the_list_is_read_stays_in_it(desk: Desk) 
     assert page.locator(".job h3").all_text_contents() == ["1 look: face.png", "1 look: before.png"]
 
 
+@pytest.mark.parametrize("kind", ["focus", "visibilitychange"])
+def test_what_another_page_has_asked_for_is_seen_when_the_page_is_looked_at_again(desk: Desk, kind: str) -> None:
+    portrait = desk.portrait("face.png")
+    page = desk.edit()
+    page.locator("#queue").get_by_text("Nothing rendered yet").wait_for()
+    desk.asked(portrait)
+    page.evaluate("(kind) => (kind === 'focus' ? window : document).dispatchEvent(new Event(kind))", kind)
+    page.locator(".job").get_by_text("1 look: face.png").wait_for()
+
+
+def test_a_job_that_is_asked_for_again_while_it_waits_is_not_said_to_be_done(desk: Desk) -> None:
+    desk.portrait("face.png")
+    page = desk.edit()
+    page.get_by_role("checkbox", name="Render face.png").check()
+    render = page.locator("#look").get_by_role("button", name="Render")
+    render.click()
+    page.locator(".job").get_by_text("1 look: face.png").wait_for()
+    page.wait_for_timeout(700)  # a second click within 600 ms is one too many
+    render.click()
+    page.locator(".toast").get_by_text("This is in the queue already").wait_for()
+    assert page.locator(".job").count() == 1
+
+
 def test_a_job_of_another_day_is_told_with_its_day(desk: Desk) -> None:
     job = desk.asked(desk.portrait("face.png"))
     desk.api.client.post(f"/jobs/{job}/cancel")

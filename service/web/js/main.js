@@ -38,6 +38,20 @@ window.addEventListener("beforeunload", (event) => {
   if (uploads() && !leaves) event.preventDefault();
 });
 
+let looks = false;
+
+/** What another page, or another program, has had made meanwhile. */
+async function lookAgain() {
+  if (looks || document.hidden || !state.listed) return;
+  looks = true;
+  // nobody asked: what is shown stays, and the head of the page says when the service is away
+  await Promise.all([listClips(), listJobs()]).catch(() => undefined);
+  looks = false;
+}
+
+document.addEventListener("visibilitychange", lookAgain);
+window.addEventListener("focus", lookAgain);
+
 const change = document.getElementById("change-key");
 change.hidden = !key();
 change.addEventListener("click", async () => {

@@ -91,7 +91,8 @@ export async function start() {
     failure(error, "The rendering was not started");
     return;
   }
-  if (state.jobs.some((one) => one.id === job.id)) notice("This was rendered before; its result is in the queue");
+  if (job.done) notice("This was rendered before; its result is in the queue");
+  else if (state.jobs.some((one) => one.id === job.id)) notice("This is in the queue already");
   else announce(`Rendering ${count(looks.length, "look")}`);
   await add(job, clip.medium.id);
 }
