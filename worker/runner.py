@@ -280,13 +280,13 @@ class Runner:
             log.info("job canceled")
 
     def _at_last(self, step: Callable[[Session, datetime], T], *, frees: bool = False) -> T:
-        """Take a last step of a job, when the database is there to take it: until then its lease is kept."""
+        """Take a last step of a job, once the database is there and has room for it: until then its lease is kept."""
 
         def once() -> T:
             with self._database.write(frees=frees) as session:
                 return step(session, self._database.now())
 
-        return Patience(stopping.check, limit_s=self._settings.max_outage_s)(once)
+        return Patience(stopping.check, limit_s=self._settings.max_outage_s, passes=_may_pass)(once)
 
     def _release_waiting(self) -> None:
         """Release, or fail, the jobs that waited for this one's medium."""
@@ -319,6 +319,11 @@ def _done(run: Run) -> bool:
                 run.keeper.check()
                 time.sleep(min(left, ROOM_POLL_S))
         raise
+
+
+def _may_pass(error: BaseException) -> bool:
+    """Whether the records may take a last step later: they are away, or their disk is full."""
+    return is_outage(error) or is_disk_full(error)
 
 
 def _worth_another_attempt(error: Exception) -> str | None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -162,6 +164,23 @@ def test_a_job_that_runs_out_of_room_is_tried_again_and_fails_at_last(
     assert seen == [("queued", 2, None), ("queued", 3, None), *[("failed", 3, "insufficient-storage")] * 2]
     assert api.drafts == []
     claim(database, add_media(database).job_id)
+
+
+@pytest.mark.parametrize(("attempts", "end"), [(2, ("queued", 2, None)), (1, ("failed", 1, "insufficient-storage"))])
+def test_what_becomes_of_a_job_is_written_once_there_is_room_for_that(
+    api: Api, small_disk: Path, monkeypatch: pytest.MonkeyPatch, attempts: int, end: tuple[str, int, str | None]
+) -> None:
+    def finds_a_full_disk(run: runner.Run) -> bool:
+        others = fill(small_disk)
+        until(lambda: fill(small_disk) == others and os.statvfs(small_disk).f_bavail == 0)
+        threading.Timer(1.5, others.unlink).start()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(runner, "_WORK", {JobKind.VECTORIZE: finds_a_full_disk})
+    medium = add_media(api.services.database, Role.REFERENCE)
+    runner_of(api.services.settings.model_copy(update={"max_attempts": attempts})).run(medium.job_id)
+    job = job_of(api.services.database, medium.job_id)
+    assert (str(job.state), job.attempt, job.error and job.error["type"]) == end
 
 
 def test_the_reserve_is_for_deletions_alone(api: Api, small_disk: Path) -> None:
