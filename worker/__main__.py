@@ -12,9 +12,11 @@ from celery.bin.celery import main
 
 from service.logs import configure
 from worker import app, tasks
+from worker.beginning import close_output
 
 __all__ = ["app", "tasks"]
 
 if __name__ == "__main__":
     configure(app.settings.log_level)  # Celery warns of some things before it asks for that
+    close_output()
     sys.exit(main())

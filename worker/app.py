@@ -61,7 +61,8 @@ logging.getLogger("celery.worker.request").addFilter(stopping.is_no_loss)
 
 @setup_logging.connect  # type: ignore[untyped-decorator]
 def _set_up_logging(**_: object) -> None:
-    get_multiprocessing_logger()  # when it is first asked for, it gets a way of its own
+    # when it is first asked for, it gets a way of its own
+    get_multiprocessing_logger().addFilter(stopping.is_no_fault)
     configure(settings.log_level)
 
 

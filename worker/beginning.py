@@ -5,6 +5,7 @@ Celery only logs what goes wrong as a worker begins: it would go on, and fail ea
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,3 +23,10 @@ def or_end() -> Iterator[None]:
     except Exception:
         log.exception("the worker cannot begin, and ends")
         sys.exit(1)
+
+
+def close_output() -> None:
+    """Throw away what goes to standard output: Celery tells there in words, beside its log, that it stops."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)

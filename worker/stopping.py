@@ -97,6 +97,14 @@ def is_no_loss(record: logging.LogRecord) -> bool:
     return True
 
 
+def is_no_fault(record: logging.LogRecord) -> bool:
+    """A filter of the pool's log: that a child was ended by the signal that its worker got too is no error."""
+    is_end = str(record.msg).startswith("Process %r pid:%r exited with")
+    if is_end and record.levelno >= logging.ERROR and asked_at() is not None:
+        record.levelno, record.levelname = logging.INFO, logging.getLevelName(logging.INFO)
+    return True
+
+
 def may_go_on(began: float, fraction: float | None, *, grace_s: float) -> bool:
     """Whether a job is about to end: a worker that is told to stop gives the others back at once.
 

@@ -31,9 +31,9 @@ with mock.patch.object(lifeline, "die_with_starter"), mock.patch.object(SandboxS
 """
 
 
-def logged(code: str, data_dir: Path) -> str:
-    """What a process of Python that runs so writes to its log."""
-    done = subprocess.run(
+def ran(code: str, data_dir: Path) -> subprocess.CompletedProcess[str]:
+    """A process of Python that has run so."""
+    return subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"PVG_DATA_DIR": str(data_dir)},
         capture_output=True,
@@ -41,7 +41,11 @@ def logged(code: str, data_dir: Path) -> str:
         timeout=60,
         check=False,
     )
-    return done.stderr
+
+
+def logged(code: str, data_dir: Path) -> str:
+    """What such a process writes to its log."""
+    return ran(code, data_dir).stderr
 
 
 @pytest.mark.parametrize("module", ["worker.app", "worker.previews.app"])
@@ -66,6 +70,58 @@ def main():
 celery.bin.celery.main = main
 runpy.run_module("{module}", run_name="__main__")
 """
+
+
+ENDED = """
+import runpy
+import time
+import billiard.pool
+import celery.bin.celery
+from celery.signals import setup_logging
+from worker import stopping
+
+def main():
+    setup_logging.send(sender=None)
+    pool = billiard.pool.Pool(1)
+    for stop in (lambda: None, stopping.ask):
+        stop()
+        process = pool._pool[0]
+        process.terminate()
+        while pool._pool[:1] in ([], [process]):  # until the pool has put another in its place
+            time.sleep(0.05)
+    pool.terminate()
+
+celery.bin.celery.main = main
+runpy.run_module("worker", run_name="__main__")
+"""
+
+
+def test_a_process_of_the_pool_that_ends_is_an_error_unless_its_worker_was_told_to_stop(tmp_path: Path) -> None:
+    log = logged(ENDED, tmp_path)
+    lines = [json.loads(line) for line in log.splitlines() if "exited with" in line]
+    assert [line["level"] for line in lines[:2]] == ["error", "info"], log
+
+
+STOPS = """
+import runpy
+import signal
+from types import SimpleNamespace
+import celery.apps.worker
+import celery.bin.celery
+
+def main():
+    celery.apps.worker.install_worker_term_handler(SimpleNamespace(hostname="here"))
+    signal.raise_signal(signal.SIGTERM)
+
+celery.bin.celery.main = main
+runpy.run_module("{module}", run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("module", ["worker", "worker.previews"])
+def test_a_worker_that_is_told_to_stop_says_nothing_beside_its_log(module: str, tmp_path: Path) -> None:
+    done = ran(STOPS.format(module=module), tmp_path)
+    assert (done.stdout, done.returncode) == ("", 0), done.stderr
 
 
 @pytest.mark.parametrize("module", ["worker", "worker.previews"])
