@@ -26,7 +26,12 @@ def or_end() -> Iterator[None]:
 
 
 def close_output() -> None:
-    """Throw away what goes to standard output: Celery tells there in words, beside its log, that it stops."""
+    """Throw away what a worker writes to standard output: Celery tells there in words, beside its log, that it stops.
+
+    What another command of Celery's answers, or a worker's ``--help``, is written.
+    """
+    if "worker" not in sys.argv[1:] or "--help" in sys.argv:
+        return
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)

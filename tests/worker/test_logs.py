@@ -105,9 +105,12 @@ def test_a_process_of_the_pool_that_ends_is_an_error_unless_its_worker_was_told_
 STOPS = """
 import runpy
 import signal
+import sys
 from types import SimpleNamespace
 import celery.apps.worker
 import celery.bin.celery
+
+sys.argv[1:] = ["worker", "--loglevel", "INFO"]
 
 def main():
     celery.apps.worker.install_worker_term_handler(SimpleNamespace(hostname="here"))
@@ -122,6 +125,13 @@ runpy.run_module("{module}", run_name="__main__")
 def test_a_worker_that_is_told_to_stop_says_nothing_beside_its_log(module: str, tmp_path: Path) -> None:
     done = ran(STOPS.format(module=module), tmp_path)
     assert (done.stdout, done.returncode) == ("", 0), done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["worker", "--help"]])
+@pytest.mark.parametrize("module", ["worker", "worker.previews"])
+def test_what_is_asked_of_celery_itself_is_answered(module: str, arguments: list[str], tmp_path: Path) -> None:
+    asked = f"import runpy, sys\nsys.argv[1:] = {arguments}\nrunpy.run_module({module!r}, run_name='__main__')"
+    assert "Usage:" in ran(asked, tmp_path).stdout
 
 
 @pytest.mark.parametrize("module", ["worker", "worker.previews"])
