@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import ipaddress
 import os
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
@@ -32,6 +33,8 @@ _STORE_SECRETS: Final = ("access_key_id", "secret_access_key", "session_token")
 #: variables of the same prefix that are read elsewhere: by the library, from `serve` to its worker, by the tests
 _READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVERS", "PVG_TEST_DATABASE_URL")
 _MIN_SECRET: Final = 32
+#: what can stand behind `Bearer` in a header; nothing at all is no token
+_SENDABLE: Final = re.compile(r"[!-~]*")
 #: names by which only this machine itself can mean this machine
 _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 
@@ -257,6 +260,8 @@ class Settings(BaseSettings):
             raise ValueError("job_hard_limit_s must be longer than job_soft_limit_s")
         if 0 < len(self.link_secret.get_secret_value()) < _MIN_SECRET:
             raise ValueError(f"link_secret must have at least {_MIN_SECRET} characters")
+        if not _SENDABLE.fullmatch(self.metrics_token.get_secret_value()):
+            raise ValueError("metrics_token must be of visible ASCII characters, without spaces: it is sent in a header")
         return self
 
     @property

@@ -26,6 +26,17 @@ def test_settings_that_would_lose_jobs_are_refused() -> None:
         Settings(job_soft_limit_s=10, job_hard_limit_s=10)
 
 
+@pytest.mark.parametrize("token", ["figures é", "two words", "a\nb", "ключ"])
+def test_a_token_that_no_header_can_carry_is_refused_and_not_quoted(token: str) -> None:
+    with pytest.raises(ValidationError, match="metrics_token must be of visible ASCII") as refused:
+        Settings(metrics_token=SecretStr(token))
+    assert token not in str(refused.value)
+
+
+def test_any_visible_characters_may_be_of_a_token() -> None:
+    Settings(metrics_token=SecretStr("!\"#$%&'()*+,-./09:;<=>?@AZ[\\]^_`az{|}~"))
+
+
 @pytest.mark.parametrize(
     ("given", "level"), [("info", "INFO"), ("INFO ", "INFO"), ("WARN", "WARNING"), ("fatal", "CRITICAL")]
 )
