@@ -22,6 +22,7 @@ Type._missing_ = classmethod(_unnamed)  # type: ignore[assignment, method-assign
 
 
 def side_data(picture: av.video.frame.VideoFrame) -> dict[str, bytes]:
-    """libav's structs or payloads by the names of their kinds (`av.sidedata.sidedata.Type`)."""
+    """libav's structs or payloads by the names of their kinds, of `av.sidedata.sidedata.Type`: those that have one."""
     held: Any = picture.side_data
-    return {one.type.name: bytes(one) for one in held}
+    # what is iterated over are entries in some versions of PyAV, and kinds in others
+    return {kind.name: bytes(one) for kind in Type if (one := held.get(kind)) is not None}
