@@ -261,7 +261,7 @@ class Settings(BaseSettings):
         if 0 < len(self.link_secret.get_secret_value()) < _MIN_SECRET:
             raise ValueError(f"link_secret must have at least {_MIN_SECRET} characters")
         if not _SENDABLE.fullmatch(self.metrics_token.get_secret_value()):
-            raise ValueError("metrics_token must be of visible ASCII characters, without spaces: it is sent in a header")
+            raise ValueError("metrics_token must be of visible ASCII characters: it is sent in a header")
         return self
 
     @property

@@ -6,29 +6,21 @@ from pathlib import Path
 
 import pytest
 
-from pvg.asset import AssetWriter, VectorVideo, open_asset, source_note
+from pvg.asset import AssetWriter, FaceRecord, VectorVideo, open_asset, source_note
 from pvg.asset.writing import replace_manifest
 from pvg.errors import AssetError
-from pvg.video import sha256_file
+from tests.gallery.assets import FIRST, FRAMES, SUMMARY, frame_arrays, key_frame, manifest_of
 
 
 @pytest.fixture
 def asset(tmp_path: Path, source: Path) -> Path:
-    """An asset without faces beside its clip."""
-    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0, "frame_count": 75}
-    media |= {"has_audio": False, "rotation": 0, "codec": "h264", "pixel_format": "yuv420p"}
+    """An asset beside its clip."""
     path = tmp_path / "clip.pvg"
     with AssetWriter(path) as writer:
-        writer.finish(
-            {
-                "vectorizer": "test",
-                "settings": {"mask": "landmarks", "matching": "table", "reference": False},
-                **source_note(source, path),
-                "source_sha256": sha256_file(source),
-                "media": media,
-                "shots": [0],
-            }
-        )
+        for i in range(FRAMES):
+            writer.add_frame(0, frame_arrays(i))
+        writer.add_face(FaceRecord(SUMMARY, (key_frame(),)))
+        writer.finish(manifest_of(source, FIRST + FRAMES) | source_note(source, path))
     return path
 
 
