@@ -319,3 +319,34 @@ def test_whoever_wants_less_motion_gets_less(api: Api, open_page: Pages) -> None
     usual = moved(open_page(root, reduced_motion="no-preference"))
     assert usual == [("opacity", 200), ("opacity", 200), ("width", 300)]
     assert moved(open_page(root, reduced_motion="reduce")) == []
+
+
+#: visible texts smaller than 23 px, and controls whose text they do not hold
+_TOO_SMALL_OR_CUT = """() => {
+  const bad = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+    const one = node.parentElement;
+    if (!node.textContent.trim() || !one.checkVisibility() || one.closest('noscript, option')) continue;
+    if (parseFloat(getComputedStyle(one).fontSize) < 23) bad.push(`small: ${node.textContent.trim().slice(0, 60)}`);
+  }
+  for (const one of document.querySelectorAll('button, summary, .card')) {
+    const cut = one.scrollWidth > one.clientWidth + 1 || one.scrollHeight > one.clientHeight + 1;
+    if (one.checkVisibility() && cut) bad.push(`cut: ${one.textContent.trim().slice(0, 60)}`);
+  }
+  return bad;
+}"""
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+def test_texts_are_twice_as_large_where_the_browsers_font_is_and_all_of_them_fit(
+    pages: Pages, media: dict[str, Any], width: int
+) -> None:
+    """WCAG 2.2, 1.4.4: also by the browser's own setting, not by zooming alone."""
+    guarded = pages(viewport={"width": width, "height": 800})
+    guarded.page.context.new_cdp_session(guarded.page).send("Page.setFontSizes", {"fontSizes": {"standard": 32}})
+    for state in states(guarded, media):
+        assert guarded.page.evaluate("() => getComputedStyle(document.documentElement).fontSize") == "32px", state
+        assert guarded.page.evaluate(_TOO_SMALL_OR_CUT) == [], state
+        assert guarded.page.evaluate("() => document.documentElement.scrollWidth") == width, state
+        assert guarded.page.evaluate(_WIDER) == [], state
