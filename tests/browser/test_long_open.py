@@ -316,6 +316,32 @@ def test_a_look_that_was_deleted_with_its_clip_is_not_offered(studio: Studio) ->
     assert card.get_by_role("button", name="Download face.png").is_disabled()
 
 
+def test_a_list_that_comes_late_is_not_shown_over_a_newer_one(studio: Studio) -> None:
+    """The page is looked at again, its queue is read, and a portrait is deleted before the answer has come."""
+    page = studio.guarded.page
+    studio.enter()
+    card = page.locator(".job").first
+    card.get_by_role("button", name="Compare face.png before and after").wait_for()
+
+    late: list[tuple[Route, Any]] = []
+
+    def hold(route: Route) -> None:
+        late.append((route, route.fetch()))
+
+    page.route("**/v1/jobs?*", hold, times=1)
+    page.evaluate("() => window.dispatchEvent(new Event('focus'))")
+    studio.guarded.heard(lambda: len(late) == 1)
+    page.get_by_role("button", name="Delete face.png").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    lost = card.get_by_text("No longer kept", exact=True)
+    lost.wait_for()
+    [(route, answer)] = late
+    with page.expect_response("**/v1/jobs?*"):
+        route.fulfill(response=answer)
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert lost.count() == 1
+
+
 def test_looks_that_are_not_kept_are_listed_once_and_never_offered(studio: Studio, tiny_clip: Path) -> None:
     api, page = studio.api, studio.guarded.page
     portraits = [studio.portrait]

@@ -38,19 +38,19 @@ window.addEventListener("beforeunload", (event) => {
   if (uploads() && !leaves) event.preventDefault();
 });
 
-let looks = false;
+let lists = false;
 
 /** What another page, or another program, has had made meanwhile. */
-async function lookAgain() {
-  if (looks || document.hidden || !state.listed) return;
-  looks = true;
+async function listAnew() {
+  if (lists || document.hidden || !state.listed) return;
+  lists = true;
   // nobody asked: what is shown stays, and the head of the page says when the service is away
   await Promise.all([listClips(), listJobs()]).catch(() => undefined);
-  looks = false;
+  lists = false;
 }
 
-document.addEventListener("visibilitychange", lookAgain);
-window.addEventListener("focus", lookAgain);
+document.addEventListener("visibilitychange", listAnew);
+window.addEventListener("focus", listAnew);
 
 const change = document.getElementById("change-key");
 change.hidden = !key();

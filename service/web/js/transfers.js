@@ -11,13 +11,17 @@ import { count } from "./format.js";
 
 const SHOWN = 20;
 
+let listings = 0;
+
 /** The jobs of the clip on the stage, or of all clips while there is none. One that is not known yet has none. */
 export async function listJobs() {
   const video = state.clip?.medium?.id;
   if (state.clip && !video) return;
   const before = new Set(state.jobs.map((job) => job.id));
+  const listing = ++listings;
   const { data, next_cursor: next } = await page(listOf(video), Math.max(SHOWN, state.jobs.length));
-  if (video !== state.clip?.medium?.id) return; // another clip came meanwhile
+  // another clip came meanwhile, or what was asked for later is answered already
+  if (video !== state.clip?.medium?.id || listing !== listings) return;
   // asked for after the service had read the list
   const there = new Set(data.map((job) => job.id));
   const newest = new Date(data[0]?.created_at ?? 0);
