@@ -91,7 +91,7 @@ def is_no_loss(record: logging.LogRecord) -> bool:
     """
     lost = isinstance(record.args, tuple) and any(isinstance(one, WorkerLostError) for one in record.args)
     if lost and asked_at() is not None:
-        record.levelno, record.levelname = logging.INFO, logging.getLevelName(logging.INFO)
+        _to_info(record)
         record.msg, record.args = "a process of the pool has ended with its worker", ()
         record.exc_info = record.exc_text = None
     return True
@@ -101,8 +101,12 @@ def is_no_fault(record: logging.LogRecord) -> bool:
     """A filter of the pool's log: that a child was ended by the signal that its worker got too is no error."""
     is_end = str(record.msg).startswith("Process %r pid:%r exited with")
     if is_end and record.levelno >= logging.ERROR and asked_at() is not None:
-        record.levelno, record.levelname = logging.INFO, logging.getLevelName(logging.INFO)
+        _to_info(record)
     return True
+
+
+def _to_info(record: logging.LogRecord) -> None:
+    record.levelno, record.levelname = logging.INFO, logging.getLevelName(logging.INFO)
 
 
 def may_go_on(began: float, fraction: float | None, *, grace_s: float) -> bool:

@@ -138,10 +138,15 @@ def _published(draft: Path, folder: Path) -> Path:
     names = {path.name for path in draft.iterdir()}
     for name in names:
         (draft / name).replace(target / name)
-    for path in list(target.iterdir()):  # of a longer clip before
-        if path.name not in names and _NUMBERED.fullmatch(path.name):
+    for path in _numbered(target):  # of a longer clip before
+        if path.name not in names:
             path.unlink()
     return target
+
+
+def _numbered(folder: Path) -> list[Path]:
+    """The numbered pictures of a folder."""
+    return [path for path in folder.iterdir() if _NUMBERED.fullmatch(path.name)]
 
 
 def _former(folder: Path, parts: Sequence[SuiteFile]) -> set[Path]:
@@ -157,8 +162,7 @@ def _former(folder: Path, parts: Sequence[SuiteFile]) -> set[Path]:
 
 def _remove(path: Path, inputs: Sequence[Path]) -> None:
     """Remove a file, or the numbered pictures of a folder and the folder if it is empty then, but for the inputs."""
-    pictures = [one for one in path.iterdir() if _NUMBERED.fullmatch(one.name)] if path.is_dir() else [path]
-    for one in pictures:
+    for one in _numbered(path) if path.is_dir() else [path]:
         if one.is_file() and not any(one.samefile(given) for given in inputs):
             one.unlink()
     if path.is_dir():

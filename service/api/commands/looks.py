@@ -64,8 +64,7 @@ def _same(
     services: Services, kind: JobKind, looks: Sequence[WantedLook], output: WantedOutput, asked: Asked
 ) -> tuple[str | None, list[str]]:
     """The owner's job of the same looks, and the blobs of its results."""
-    request, outputs = RenderRequest(_output_options(output.options)), _outputs(looks)
-    mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
+    _, _, mark = _wanted(kind, looks, output, asked)
     with services.database.read() as session:
         job = jobs.find_same(session, asked.owner, mark, now=services.database.now())
         return (None, []) if job is None else (job.id, results.keys_of(session, job.id))
@@ -75,8 +74,13 @@ def _has_lost(services: Services, keys: Sequence[str]) -> bool:
     return not all(services.storage.exists(key) for key in keys)
 
 
-def _outputs(looks: Sequence[WantedLook]) -> list[NewLook]:
-    return [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
+def _wanted(
+    kind: JobKind, looks: Sequence[WantedLook], output: WantedOutput, asked: Asked
+) -> tuple[RenderRequest, list[NewLook], str]:
+    """What the job is to record of its output and its looks, and the fingerprint by which the same is found."""
+    request = RenderRequest(_output_options(output.options))
+    outputs = [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
+    return request, outputs, jobs.fingerprint(kind, request, outputs, asked.metadata)
 
 
 def request_looks(
@@ -98,8 +102,7 @@ def request_looks(
     job, `QuotaExceededError` and `StorageFullError` when there is too little room to do it.
     """
     database, owner = services.database, asked.owner
-    request = RenderRequest(_output_options(output.options))
-    outputs = _outputs(looks)
+    request, outputs, mark = _wanted(kind, looks, output, asked)
     with database.write() as session:
         now = database.now()
         # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
@@ -108,7 +111,6 @@ def request_looks(
         check(known, looks, output, places)
         if kind is JobKind.SWAP:
             check_apart(known, looks[0])
-        mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
         job = None if asked.force else jobs.find_same(session, owner, mark, now=now)
         if job is not None and (
             job.id == lost or not results.keep(session, job.id, now=now, ttl_s=services.settings.result_ttl_s)
