@@ -91,3 +91,25 @@ def test_blind_rounds_are_the_same(name: str, rows: list[str]) -> None:
     assert re.findall(r"\d+ of 40", repeated) == [rounds[row]["ours chosen"] for row in rows]
     told = (REPOSITORY / "README.md").read_text()
     assert all(re.search(rf"{rounds[row]['ours chosen']}\b", told) for row in rows)
+
+
+def test_the_grades_that_the_readme_repeats_are_the_same() -> None:
+    rounds = of_columns(QUALITY, "round", "looks deliverable", "looks rejected", "controls deliverable")
+    good, looks = figures(rounds["all together"]["looks deliverable"])[:2]
+    rejected = rounds["all together"]["looks rejected"]
+    fine, controls = figures(rounds["all together"]["controls deliverable"])[:2]
+    newest = list(rounds.values())[1:4]  # from below: after the row of all together
+    of_newest = [
+        sum(int(figures(row[column])[place]) for row in newest)
+        for column in ("looks deliverable", "controls deliverable")
+        for place in (0, 1)
+    ]
+    told = " ".join((REPOSITORY / "README.md").read_text().split())
+    touched_up = int(looks) - int(good) - int(rejected)
+    passed, failed = (
+        f"{good} of {looks} looks deliverable",
+        f"said that {touched_up} need a touch-up, and rejected {rejected}",
+    )
+    assert f"{passed}, {failed}" in told
+    assert f"{fine} of the {controls} untouched frames deliverable" in told
+    assert "{} of {} looks and {} of {} frames".format(*of_newest) in told
