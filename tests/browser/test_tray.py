@@ -122,3 +122,18 @@ def test_every_portrait_is_reached_and_has_its_name_in_the_queue(desk: Desk) -> 
     page.get_by_role("button", name="Delete 0.png").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
     desk.guarded.until("() => document.querySelectorAll('.card:not(.adder)').length === 24")
+
+
+def test_portraits_of_another_page_are_seen_when_the_page_is_looked_at_again(desk: Desk) -> None:
+    desk.portrait("kept.png")
+    going = desk.portrait("going.png")
+    page = desk.edit()
+    names = page.locator(".card .name")
+    page.locator(".card.selected", has_text="going.png").wait_for()
+    assert desk.api.client.delete(f"/references/{going}").status_code == 204
+    desk.portrait("new.png")
+    page.evaluate("() => window.dispatchEvent(new Event('focus'))")
+    page.locator(".card", has_text="going.png").wait_for(state="detached")
+    page.locator(".card.selected", has_text="kept.png").wait_for()
+    assert names.all_text_contents() == ["new.png", "kept.png"]
+    assert not page.get_by_role("checkbox", name="Render new.png").is_checked()

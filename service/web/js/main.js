@@ -4,7 +4,7 @@ import { askForKey, key, onNewKey } from "./key.js";
 import { confirmed, failure } from "./notices.js";
 import { listClips, readdress, reopen } from "./clip.js";
 import { listJobs } from "./transfers.js";
-import { listReferences } from "./references.js";
+import { listReferences, listReferencesAnew } from "./references.js";
 import { mountPanel } from "./panel.js";
 import { mountQueue } from "./queue.js";
 import { mountService } from "./service.js";
@@ -45,7 +45,7 @@ async function listAnew() {
   if (lists || document.hidden || !state.listed) return;
   lists = true;
   // nobody asked: what is shown stays, and the head of the page says when the service is away
-  await Promise.all([listClips(), listJobs()]).catch(() => undefined);
+  await Promise.all([listClips(), listReferencesAnew(), listJobs()]).catch(() => undefined);
   lists = false;
 }
 

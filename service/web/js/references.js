@@ -148,12 +148,16 @@ export async function remove(item) {
     item.leaving = true;
     await stop(item);
   }
+  takeAway(item);
+  if (item.medium) await listJobs();
+}
+
+function takeAway(item) {
   if (item.url) URL.revokeObjectURL(item.url);
   const at = state.references.indexOf(item);
   state.references = state.references.filter((one) => one !== item);
   if (state.selected === item.key) state.selected = state.references[Math.min(at, state.references.length - 1)]?.key ?? null;
   changed();
-  if (item.medium) await listJobs();
 }
 
 /**
@@ -162,14 +166,38 @@ export async function remove(item) {
  */
 export async function listReferences(cursor = null) {
   const { data, next_cursor: next } = await page(PATH, SHOWN, cursor);
-  const known = new Set(state.references.map((one) => one.medium?.id));
-  for (const medium of data) {
-    if (known.has(medium.id)) continue;
-    const item = { ...ofMedium(PATH, medium), included: false, settings: fresh() };
-    state.references.push(item);
-    if (medium.state === "vectorizing") bring(item);
-  }
+  state.references.push(...unknown(data));
   state.more.references = next;
+  selectAny();
+}
+
+/** As another page, or another program, has left them: portraits that are new come first, those that were deleted go. */
+export async function listReferencesAnew() {
+  const before = state.references.filter((one) => one.medium);
+  const { data, next_cursor: next } = await page(PATH, SHOWN);
+  const listed = new Set(data.map(({ id }) => id));
+  const isOnPage = ({ id }) => !next || id >= data.at(-1).id; // ids are in the order of the list
+  for (const item of before) {
+    if (item.leaving || listed.has(item.medium.id) || !isOnPage(item.medium)) continue;
+    forget(item.medium.id);
+    state.deleted.add(item.medium.id);
+    takeAway(item);
+  }
+  state.references.unshift(...unknown(data));
+  selectAny();
+}
+
+/** Items of the media that are not in the tray yet. */
+function unknown(media) {
+  const known = new Set(state.references.map((one) => one.medium?.id));
+  const items = media
+    .filter(({ id }) => !known.has(id) && !state.deleted.has(id))
+    .map((medium) => ({ ...ofMedium(PATH, medium), included: false, settings: fresh() }));
+  items.filter(({ medium }) => medium.state === "vectorizing").forEach(bring);
+  return items;
+}
+
+function selectAny() {
   state.selected ??= state.references.find((one) => !one.error)?.key ?? null;
   changed();
 }
