@@ -75,7 +75,7 @@ def export(
     check_vectorized(video)
     _check_sequence("parts", parts)
     _check_sequence("keep", keep)
-    parts = tuple(parts)  # looked at more than once
+    parts, read = tuple(parts), [video.source, video.path, *map(Path, keep)]  # looked at more than once
     if unknown := [part for part in parts if part not in SUITE_FILES]:
         raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(SUITE_FILES)}")
     if matte not in MATTES:
@@ -89,7 +89,7 @@ def export(
     ends = [""] if len(persons) == 1 else [f"-{k + 1}" for k in range(len(persons))]
     names = [f"look{end}.cube" for end in ends if "cube" in parts]
     names += [_matte_name(end, matte, canvas.info) for end in ends if "matte" in parts]
-    _check_targets(folder, [*names, _README], [video.source, video.path, *map(Path, keep)])
+    _check_targets(folder, [*names, _README], read)
     with _made(folder), tempfile.TemporaryDirectory(prefix=".look-", dir=folder) as name:
         drafts = Path(name)
         cubes = [drafts / f"look{end}.cube" for end in ends] if "cube" in parts else []
@@ -103,7 +103,7 @@ def export(
         readme.write_text(_readme(cubes, mattes, canvas.info.color), encoding="utf-8")
         former = _former(folder, parts)
         written = [_published(path, folder) for path in (*cubes, *mattes, readme)]
-        inputs = [path for path in (video.source, video.path, *map(Path, keep)) if path is not None and path.exists()]
+        inputs = [path for path in read if path is not None and path.exists()]
         for path in sorted(former - set(written)):
             _remove(path, inputs)
         return written

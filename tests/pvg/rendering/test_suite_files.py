@@ -196,6 +196,15 @@ def test_what_an_export_reads_stays_though_it_was_of_an_export_before(
     assert {path.name for path in (tmp_path / "matte").iterdir()} == {"000003.png", "of-mine.txt"}
 
 
+def test_what_is_to_be_kept_may_be_told_once(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    look = pvg.transfer(video, dark_reference)
+    pvg.export(video, look, tmp_path, parts=["matte"], matte="prores")
+    pvg.export(video, look, tmp_path, parts=["matte"], keep=(tmp_path / name for name in ["matte.mov"]))
+    assert {path.name for path in tmp_path.iterdir()} == {"matte.mov", "matte.mkv", "look-README.txt"}
+
+
 def test_an_export_that_fails_leaves_no_folder(
     video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
 ) -> None:
