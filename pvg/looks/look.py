@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -11,6 +11,7 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg._checks import real_number
 from pvg.asset import VectorVideo
+from pvg.face import PARTS
 from pvg.looks.grey import told_from_grey
 from pvg.looks.opponent import to_rgb
 from pvg.looks.skin_map import SkinMap
@@ -88,12 +89,18 @@ class Look:
     source_sha256: str | None = None
 
     def __post_init__(self) -> None:
-        """Look at what was given; a number of any kind becomes a float."""
+        """Look at what was given; numbers of any kind become floats, sequences of any kind arrays or tuples."""
         if not isinstance(self.colors, Mapping):
             raise ValueError(f"colors must be by face, {{0: (K, S, 3)}}, not {type(self.colors).__name__}")
         for face, colors in self.colors.items():
             if (shape := np.shape(colors))[2:] != (3,):
                 raise ValueError(f"the colors of face {face} must have the shape (K, S, 3), not {shape}")
+        for face, parts in self.parts.items():
+            if (shape := np.shape(parts))[1:] != (len(PARTS), 3):
+                raise ValueError(f"the parts of face {face} must have the shape (K, {len(PARTS)}, 3), not {shape}")
+        for name, of_faces in (("colors", self.colors), ("parts", self.parts)):
+            object.__setattr__(self, name, {face: np.asarray(one, np.float32) for face, one in of_faces.items()})
+        object.__setattr__(self, "protect", protected(self.protect))
         given = self.contrast
         if isinstance(given, Mapping):
             if missing := sorted(set(self.colors) - set(given)):
@@ -115,8 +122,9 @@ class Look:
         if self.source_sha256 is not None and self.source_sha256 != video.source_sha256:
             raise ValueError(f"the look is of another clip than {video.path.name}: transfer the colours to this one")
         for face, colors in self.colors.items():
-            keys = video.records[face].key_frames if 0 <= face < len(video.faces) else ()
-            if not keys or colors.shape != (len(keys), *keys[0].colors.shape):
+            keys = video.records[face].key_frames if face in range(len(video.faces)) else ()
+            parts = self.parts.get(face, keys)
+            if not keys or colors.shape != (len(keys), *keys[0].colors.shape) or len(parts) != len(keys):
                 raise ValueError(
                     f"the look does not fit face {face} as {video.path.name} has it: transfer the colours to this one"
                 )
@@ -146,6 +154,15 @@ class Look:
         contrast = {face: look.contrast_of(face) for look in (self, other) for face in look.colors}
         parts, body, maps = self.parts | other.parts, self.body | other.body, self.maps | other.maps
         return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=parts, body=body, maps=maps)
+
+
+def protected(features: Sequence[str]) -> tuple[str, ...]:
+    """The features that are to go their own way. Raises `ValueError` for what is none of `PROTECTABLE`."""
+    if isinstance(features, str) or not isinstance(features, Collection):
+        raise ValueError(f"protect must be a sequence of {', '.join(PROTECTABLE)}, not {features!r}")
+    if unknown := [feature for feature in features if feature not in PROTECTABLE]:
+        raise ValueError(f"cannot protect {unknown[0]!r}; known are {', '.join(PROTECTABLE)}")
+    return tuple(features)
 
 
 def _contrast(given: object) -> FaceContrast:

@@ -8,7 +8,7 @@ map relative to its exposure (`looks/exposure.py`), so that light that changes s
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Literal
@@ -25,7 +25,7 @@ from pvg.looks.color_map import TransportSteps
 from pvg.looks.exposure import KeyExposure, at_exposure, leading_key
 from pvg.looks.haze import under_haze, with_less_haze
 from pvg.looks.key_light import with_lit_skin
-from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, FaceContrast, Look, LookMap
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, FaceContrast, Look, LookMap, protected
 from pvg.looks.parts import MAKEUP, Makeup, strengths
 from pvg.looks.person_map import Goal, PersonMap
 from pvg.looks.scene import SCENE
@@ -52,14 +52,10 @@ def _reference_key(reference: VectorVideo, face: int | None, *, semantic: bool) 
     return with_lit_skin(leading_key([with_less_haze(record) if semantic else record]))
 
 
-def _check(contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> Contrast:
+def _check(contrast: Contrast, match: str, extent: str) -> Contrast:
     """The contrast. Raises `ValueError` for words that are none of these and a contrast out of range."""
     check_word("match", match, ("color", "semantic"))
     check_word("extent", extent, EXTENTS)
-    if isinstance(protect, str) or not isinstance(protect, Collection):
-        raise ValueError(f"protect must be a sequence of {', '.join(PROTECTABLE)}, not {protect!r}")
-    if unknown := [part for part in protect if part not in PROTECTABLE]:
-        raise ValueError(f"cannot protect {unknown[0]!r}; known are {', '.join(PROTECTABLE)}")
     if isinstance(contrast, str) and contrast == "auto":
         return contrast
     low, high = CONTRAST_RANGE
@@ -103,7 +99,7 @@ def transfer(
     Raises `ValueError` on a parameter out of range, an unknown face or part, and a path in the place of a video.
     """
     check_vectorized(video, reference)
-    contrast = _check(contrast, match, protect, extent)
+    contrast, kept = _check(contrast, match, extent), protected(protect)
     semantic = match == "semantic"
     goal = Goal(
         semantic=semantic,
@@ -125,7 +121,7 @@ def transfer(
         if wanted:
             own = PersonMap.of([records[index] for index in person], goal, follow_exposure=follow_exposure)
             new |= {index: _new_face(video.records[index], records[index], own, goal) for index in wanted}
-    return _look(new, goal, tuple(protect), body=extent == "skin", source_sha256=video.source_sha256)
+    return _look(new, goal, kept, body=extent == "skin", source_sha256=video.source_sha256)
 
 
 def _steps(beta: float, iterations: int, seed: int) -> TransportSteps:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import pvg
 from pvg.looks import Look
 from pvg.looks.look import LookMap
 
@@ -46,6 +47,32 @@ def test_a_contrast_may_be_any_number() -> None:
 def test_what_is_no_look_is_refused(given: object, contrast: object, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Look(given, contrast)  # type: ignore[arg-type]
+
+
+def test_parts_and_protected_features_that_nobody_knows_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"the parts of face 0 must have the shape \(K, 4, 3\), not \(2, 3, 3\)"):
+        Look({0: colors(0)}, parts={0: np.zeros((2, 3, 3), np.float32)})
+    for given, words in (("eyes", "protect must be a sequence"), (["ears"], "cannot protect 'ears'")):
+        with pytest.raises(ValueError, match=words):
+            Look({0: colors(0)}, protect=given)  # type: ignore[arg-type]
+
+
+def test_a_look_may_be_given_as_lists(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    made = pvg.transfer(video, dark_reference, contrast=1.0, extent="face", protect=["eyes"])
+    parts = {face: one.tolist() for face, one in made.parts.items()}
+    by_hand = Look({0: made.colors[0].tolist()}, protect=["eyes"], parts=parts)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(pvg.render_frame(video, by_hand, 3), pvg.render_frame(video, made, 3))
+
+
+def test_a_look_that_does_not_fit_the_clip_is_refused(video: pvg.VectorVideo) -> None:
+    own = np.stack([key.colors for key in video.records[0].key_frames])
+    for look in (
+        Look({"0": own}),  # type: ignore[dict-item]
+        Look({0: own[:, 1:]}),
+        Look({0: own}, parts={0: np.zeros((len(own) + 1, 4, 3), np.float32)}),
+    ):
+        with pytest.raises(ValueError, match="the look does not fit face 0"):
+            look.check_fits(video)
 
 
 def test_a_look_needs_the_maps_that_it_is_drawn_by() -> None:
