@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from pvg._checks import whole_number
 from pvg.video import MediaInfo
 
 #: what does not depend on the frames: libraries, networks, threads
@@ -53,8 +54,9 @@ def rendering_bytes(media: MediaInfo, looks: int, codec: str = "auto", processor
     """Bytes that `render` takes at most with so many looks in one pass over the clip; a picture has them in one.
 
     codec: of the clips that are written, see `pvg.video.planned`; "auto" is for those in MP4. processors: that all of
-    their encoders share.
+    their encoders share. Raises `ValueError` for fewer than one of either.
     """
+    looks, processors = whole_number("looks", looks, 1), whole_number("processors", processors, 1)
     if media.kind == "image":
         return _RENDERING_BYTES + (_DRAWN_PICTURES + 2 * (looks - 1)) * frame_bytes(media)
     if codec == "auto":

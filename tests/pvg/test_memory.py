@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -116,3 +117,11 @@ def test_a_pass_draws_fewer_looks_of_larger_frames(clip: MediaInfo) -> None:
     assert frame_bytes(deep) == 7680 * 4320 * 3 * 2
     assert looks_at_once(deep, BUDGET, most=3) == 1
     assert rendering_bytes(deep, 1) > BUDGET  # it is refused
+
+
+@pytest.mark.parametrize("kind", ["video", "image"])
+def test_less_than_one_look_or_processor_is_refused(clip: MediaInfo, kind: Literal["video", "image"]) -> None:
+    media = replace(clip, kind=kind)
+    for looks, processors, what in ((0, 2, "looks"), (1, 0, "processors")):
+        with pytest.raises(ValueError, match=f"{what} must be a whole number from 1, not 0"):
+            rendering_bytes(media, looks, processors=processors)
