@@ -64,8 +64,8 @@ def vectorize(
     input_color: how the clip is coded: "auto" believes its tags, of HDR too; camera logarithms, which files do not
     name, are "slog3", "logc3", "logc4", "vlog", "applelog"; "sdr", "pq" and "hlg" stand for wrong or missing tags.
     progress: called as (stage, frames done, frames expected) with one of STAGES; what it raises ends the work and
-    passes through. A clip has the stage "vectorize", and "second reading" if a track needs one; a reference
-    "landmarks" and "best frame".
+    passes through. The stage is "vectorize", and of a clip "second reading" too if a track needs one; a reference that
+    is a clip has "landmarks" and "best frame", one that is a picture none.
     limits: what is accepted, whenever the clip is read; to `open_asset` they are said again.
     min_face_px: of faces that are followed;  advised_face_px: narrower ones get a warning;  seed: of the pixels that
     the least-squares fit draws.  strict: a clip whose end is cut off, whose colour tags or range change, or that goes
