@@ -229,7 +229,7 @@ class VectorVideo:
             )
             for start in range(0, count, CHUNK_FRAMES)
         ]
-        return np.concatenate(parts).astype(np.float32)
+        return np.concatenate(parts)
 
     def require_source(self) -> Path:
         """The source clip, checked once against the manifest's sha256.

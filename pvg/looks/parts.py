@@ -109,7 +109,7 @@ class PartChanges:
             if part == "lips":
                 low = max(low, _BESIDE_MOUSTACHE) if _moustache(reference) else low
                 # deep red is a lipstick, and no shadow
-                low -= _DEEPER * float(ramp(chroma[p, 1], *_DEEP_RED)) if chroma[p, 1] == chroma[p, 1] else 0.0
+                low -= _DEEPER * float(ramp(chroma[p, 1], *_DEEP_RED))  # NaN of lips that are not seen
             hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
             if hidden or chroma[p, 1] < bounds.least_red:
                 luma[p], chroma[p] = np.nan, 0.0

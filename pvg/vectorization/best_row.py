@@ -151,8 +151,8 @@ def _exposed(crop: Bytes, track: FaceTrack, row: int) -> float:
     """Share of the face that is inside the picture and neither black nor burnt out."""
     if not crop.size:
         return 0.0
-    brightest = crop.max(axis=2)
-    good = (brightest > _BLACK) & (crop.min(axis=2) < _WHITE) & (np.sort(crop, axis=2)[..., 1] < _WHITE)
+    _, middle, brightest = np.moveaxis(np.sort(crop, axis=2), 2, 0)
+    good = (brightest > _BLACK) & (middle < _WHITE)  # red alone is at white on much skin that is well lit
     contour = track.landmarks.points[row, layout.CONTOUR]
     low, high = contour.min(axis=0), contour.max(axis=0)
     whole = float(np.prod(np.maximum(high - low, 1.0)))
