@@ -25,8 +25,8 @@ from pvg.looks.usual_chroma import UsualChroma
 # and never grows, or a flushed nose, freckles and light of two colours turn into orange and green patches [by eye]
 _LEAST_SPREAD = 0.5
 _FLATTEST = 0.4  # of what may be the most of k
-# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k falls by that share
-# where the saturation, levels of chroma a level of luma, moves by so much [by eye]
+# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: the most that k may be
+# falls by that share where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
 # what gets brighter or darker by half shows it as much as what changes its hue by `_OTHER` [by eye]
