@@ -8,6 +8,7 @@ import itertools
 import json
 import os
 import shutil
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
@@ -46,8 +47,8 @@ def _face_from_json(values: Mapping[str, Any]) -> FaceSummary:
 class VectorVideo:
     """A vectorised clip or image: its geometry, boundary colours and mattes, open for reading by frame.
 
-    Made by `pvg.vectorize` and `pvg.open_asset`. A context manager; closing it removes a temporary asset, but for a
-    process that was forked from the one that made it.
+    Made by `pvg.vectorize` and `pvg.open_asset`. A context manager; closing it removes a temporary asset, and so does
+    the end of the process, but for a process that was forked from the one that made it.
     limits: what the source clip must keep whenever it is read, as when it was vectorised; None for the usual ones.
 
     path: of the asset;  source: of the clip, None where nothing is known of it;  media: what the clip is;
@@ -69,7 +70,8 @@ class VectorVideo:
         self.limits = limits or MediaLimits()
         self.single_frames = SingleFrames()
         self._source_checked = False
-        self._removed_by = os.getpid() if temporary else None
+        # at the end of the process too, when an object that something still refers to is not collected
+        self._removal = weakref.finalize(self, _remove, self.path, os.getpid()) if temporary else None
         self._cache: dict[str, NDArray[Any]] = {}  # the one read longest ago first
         self._lock = Lock()  # of the cache: frames may be read by several threads
         try:
@@ -130,8 +132,8 @@ class VectorVideo:
         """Close the files; a temporary asset is removed by the process that made it. Twice is harmless."""
         self.single_frames.close()
         self._file.close()
-        if self._removed_by == os.getpid():
-            self.path.unlink(missing_ok=True)
+        if self._removal is not None:
+            self._removal()
 
     def save(self, path: str | Path) -> None:
         """Copy the asset file to `path`, appearing there only when complete; the copy notes where its clip lies.
@@ -308,6 +310,12 @@ class VectorVideo:
         if hashlib.sha256(data).hexdigest() != digest:
             raise AssetError(f"entry {name} of {self.path.name} was altered")
         return data
+
+
+def _remove(path: Path, made_by: int) -> None:
+    """Remove a temporary asset, if this is the process that made it."""
+    if os.getpid() == made_by:
+        path.unlink(missing_ok=True)
 
 
 def open_asset(

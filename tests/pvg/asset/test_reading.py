@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import os
 import shutil
+import subprocess
 import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -286,6 +287,12 @@ def test_a_temporary_asset_goes_with_its_object(asset: Path) -> None:
     video.close()
     assert not asset.exists()
     everything(saved)
+
+
+def test_a_temporary_asset_goes_with_the_process_though_something_refers_to_its_object(asset: Path) -> None:
+    code = f"import sys, pvg.asset; sys.kept = pvg.asset.VectorVideo({os.fspath(asset)!r}, temporary=True)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert not asset.exists()
 
 
 def test_a_copy_may_have_the_longest_name(asset: Path) -> None:
