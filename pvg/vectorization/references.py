@@ -47,10 +47,12 @@ def _all_faces(source: SourceReader, maker: FaceMaker, writer: AssetWriter) -> F
 
 def _best_frame(source: SourceReader, maker: FaceMaker, writer: AssetWriter) -> FoundFaces:
     """Find the best frame of a clip's largest face and write it alone."""
-    found = _track(source, maker, source.reported(LANDMARKS, 0, _REFERENCE_FRAMES))
+    with source.reported(LANDMARKS, 0, _REFERENCE_FRAMES) as pictures:
+        found = _track(source, maker, pictures)
     whole = found.frame_count < _REFERENCE_FRAMES
     if not whole and _widest(found) < maker.min_face_px:  # no usable face so early: look further
-        found, whole = _track(source, maker, source.reported(LANDMARKS)), True
+        with source.reported(LANDMARKS) as pictures:
+            found, whole = _track(source, maker, pictures), True
     _check_width(source, maker, found)
     frame_count = found.frame_count if whole else None
     track = smooth(max(found.tracks, key=lambda track: track.width_px))
@@ -62,7 +64,8 @@ def _best_frame(source: SourceReader, maker: FaceMaker, writer: AssetWriter) -> 
         return views[row].key_matte
 
     stop = min(track.last + 1, track.first + _REFERENCE_FRAMES)
-    row = best_row(track, source.reported(BEST_FRAME, track.first, stop, frame_count), matte_of)
+    with source.reported(BEST_FRAME, track.first, stop, frame_count) as pictures:
+        row = best_row(track, pictures, matte_of)
     if row not in views:
         matte_of(row, source.picture(track.first + row, frame_count))
     views[row].add_key_frame_only(track, writer)

@@ -67,8 +67,13 @@ class SourceReader:
 
     def reported(
         self, stage: str, start: int = 0, stop: int | None = None, frame_count: int | None = None
+    ) -> contextlib.closing[Generator[tuple[int, Picture], None, None]]:
+        """`pictures`, with progress, to be taken within a `with` block. They raise `StoppedByCallerError`."""
+        return contextlib.closing(self._reported(stage, start, stop, frame_count))
+
+    def _reported(
+        self, stage: str, start: int, stop: int | None, frame_count: int | None
     ) -> Generator[tuple[int, Picture], None, None]:
-        """`pictures`, with progress. Raises `StoppedByCallerError`."""
         expected = (self.media.frame_count if stop is None else min(stop, self.media.frame_count)) - start
         with contextlib.closing(self.pictures(start, stop, frame_count)) as pictures:
             for index, picture in pictures:

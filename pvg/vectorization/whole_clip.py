@@ -63,7 +63,10 @@ def _first_reading(
     """The faces that can be followed while the clip is read, by the number of their track."""
     faces: dict[int, VectorFace] = {}
     settled = 0
-    with contextlib.closing(ahead(following.advances(source.pictures()), _AHEAD)) as advances:
+    with (
+        contextlib.closing(source.pictures()) as pictures,
+        contextlib.closing(ahead(following.advances(pictures), _AHEAD)) as advances,
+    ):
         for advance in advances:
             for stretch in advance.stretches:
                 if stretch.key is not None:
@@ -93,21 +96,22 @@ def _second_reading(
     faces: dict[int, VectorFace] = {}
     start, stop = min(one.track.first for one in late.values()), max(one.track.last for one in late.values()) + 1
     reader = SceneReader()
-    for index, picture in source.reported(SECOND_READING, start, stop, frame_count):
-        now = [one for one in late.values() if one.track.first <= index <= one.track.last]
-        there = [one.track.landmarks[index - one.track.first] for one in now]
-        there += [place for other in others if (place := other.place(index)) is not None]
-        scenes: tuple[Scene, ...] = ()
-        if maker.uses_scenes:
-            scenes = (reader.step(picture, there, cut=index in shots),)
-        for one in now:
-            number, track = one.number, one.track
-            if index == track.first:
-                key = _late_key(source, maker, track, following.key_row(track), frame_count)
-                faces[number] = maker.face(number, track, key)
-            faces[number].add(one.stretch(index, picture, scenes), writer)
-            if index == track.last:
-                faces[number].finish(writer)
+    with source.reported(SECOND_READING, start, stop, frame_count) as pictures:
+        for index, picture in pictures:
+            now = [one for one in late.values() if one.track.first <= index <= one.track.last]
+            there = [one.track.landmarks[index - one.track.first] for one in now]
+            there += [place for other in others if (place := other.place(index)) is not None]
+            scenes: tuple[Scene, ...] = ()
+            if maker.uses_scenes:
+                scenes = (reader.step(picture, there, cut=index in shots),)
+            for one in now:
+                number, track = one.number, one.track
+                if index == track.first:
+                    key = _late_key(source, maker, track, following.key_row(track), frame_count)
+                    faces[number] = maker.face(number, track, key)
+                faces[number].add(one.stretch(index, picture, scenes), writer)
+                if index == track.last:
+                    faces[number].finish(writer)
     return faces
 
 

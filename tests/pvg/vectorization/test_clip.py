@@ -17,6 +17,7 @@ import pvg
 from benchmarks.quality.lossless import write_lossless
 from pvg.face import layout
 from pvg.landmarks import FaceTrack
+from pvg.vectorization.following import Following
 from pvg.video import read_image, write_image
 from scripts.samples import Samples
 from tests.folders import permissions, umask_of
@@ -46,6 +47,30 @@ def test_clips_of_any_shape_are_vectorized_and_drawn(samples: Samples, tmp_path:
         pvg.render(video, [pvg.transfer(video, video)], [tmp_path / "out.mp4"])
         assert [video.face_at(0, k) is not None for k in range(3)] == [True] * 3
     assert pvg.video.probe(tmp_path / "out.mp4").frame_count == 3
+
+
+@pytest.mark.parametrize(
+    ("failing", "reference"),
+    [
+        ("pvg.landmarks.tracking.FaceTracker.step", True),
+        ("pvg.vectorization.best_row._evenness", True),
+        ("pvg.vectorization.following.SceneReader.step", False),
+        ("pvg.vectorization.whole_clip._late_key", False),
+    ],
+)
+def test_no_thread_outlives_what_fails_beside_the_reading(
+    brief_clip: Path, monkeypatch: pytest.MonkeyPatch, failing: str, reference: bool
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(Following, "_key_view", lambda *_, **__: None)  # so that a clip is read a second time
+    monkeypatch.setattr(failing, fail)
+    before = set(threading.enumerate())
+    with pytest.raises(MemoryError) as failure:
+        pvg.vectorize(brief_clip, reference=reference)
+    assert set(threading.enumerate()) <= before
+    assert failure.tb is not None  # it holds on to all that was in use
 
 
 def test_every_frame_of_the_clip_has_its_face(video: pvg.VectorVideo) -> None:
