@@ -58,7 +58,8 @@ class Y4mWriter:
             raise ValueError(f"frame {frame.index} is {frame.format.name}; the writer was made for {self._format.name}")
         self._target.write(b"FRAME\n")
         for plane in frame.patched(patches).planes:
-            self._target.write(np.ascontiguousarray(plane, dtype=plane.dtype.newbyteorder("<")).data)
+            samples = np.ascontiguousarray(plane, dtype=plane.dtype.newbyteorder("<"))
+            self._target.write(samples.data.cast("B"))  # streams count what they are given by its length
         self._frames += 1
 
     def __exit__(

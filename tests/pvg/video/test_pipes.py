@@ -57,6 +57,23 @@ def test_pictures_come_back_as_they_went(name: str, container: str, codec: str) 
             np.testing.assert_array_equal(plane, other)
 
 
+@pytest.mark.parametrize("name", ["yuv420p", "yuv422p10le"])
+def test_a_stream_is_given_bytes_that_it_can_count(name: str) -> None:
+    class Counting(io.BytesIO):
+        given = 0
+
+        def write(self, data: Any) -> int:
+            self.given += len(data)
+            return super().write(data)
+
+    fmt, target = pixel_format(name), Counting()
+    info = media_info(fmt, time_base=Fraction(1, 25))
+    with Y4mWriter(target, info, fmt, make_plan(info, container="y4m")) as writer:
+        for frame in smooth_frames(2, fmt):
+            writer.write(frame)
+    assert target.given == len(target.getvalue())
+
+
 def test_the_first_line_says_what_it_is() -> None:
     content, _ = written("yuv422p10le", "y4m", sample_aspect_ratio=Fraction(4, 3))
     assert content.split(b"\n")[0] == b"YUV4MPEG2 W96 H64 F25:1 Ip A4:3 C422p10 XCOLORRANGE=LIMITED"
