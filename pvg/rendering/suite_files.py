@@ -68,9 +68,9 @@ def export(
     different exposure the table is that of the one the look was made from. parts: what is made of "cube" and "matte".
     progress: see `render`; a cube alone has none. Files appear under their names only when all are complete. Raises
     `AssetError` and `MediaError` as `render`; before anything is drawn `ValueError` for an unknown part, matte or size,
-    a look of another clip and files in the place of the clip or asset or of `keep`, further files that are not to be
-    replaced; `OSError` where the files cannot be written. What the look-README.txt of an export before names of these
-    parts, such as a matte of another kind, and numbered pictures that are left of it are removed.
+    a look of another clip or without maps, and files in the place of the clip or asset or of `keep`, further files that
+    are not to be replaced; `OSError` where the files cannot be written. What the look-README.txt of an export before
+    names of these parts, such as a matte of another kind, and numbered pictures that are left of it are removed.
     """
     check_vectorized(video)
     _check_sequence("parts", parts)
@@ -86,6 +86,8 @@ def export(
     folder = Path(folder)
     persons = [[face for face in person if face in look.maps] for person in video.persons]
     persons = [faces for faces in persons if faces]
+    if not persons:
+        raise ValueError("the look has no map of colour for any face of the clip: there is nothing to export")
     ends = [""] if len(persons) == 1 else [f"-{k + 1}" for k in range(len(persons))]
     names = [f"look{end}.cube" for end in ends if "cube" in parts]
     names += [_matte_name(end, matte, canvas.info) for end in ends if "matte" in parts]

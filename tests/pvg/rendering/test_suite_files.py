@@ -227,6 +227,16 @@ def test_names_are_given_as_a_sequence(video: pvg.VectorVideo, dark_reference: p
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_look_without_maps_is_refused(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    made = pvg.transfer(video, dark_reference, contrast=1.0, extent="face")
+    for look in (pvg.Look(made.colors), pvg.transfer(video, dark_reference, faces=[])):
+        with pytest.raises(ValueError, match="no map of colour for any face of the clip"):
+            pvg.export(video, look, tmp_path / "suite")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_unknown_matte_is_refused(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not one of ffv1, prores, png"):
         pvg.export(video, pvg.transfer(video, dark_reference), tmp_path, matte="gif")  # type: ignore[arg-type]
