@@ -25,6 +25,7 @@ import uvicorn
 from starlette.types import Scope
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from service.api.draining import note_stop
 from service.api.places import has_place
 from service.api.request_ids import request_id_of
 from service.api.targets import in_origin_form
@@ -237,6 +238,13 @@ class BoundedProtocol(H11Protocol):
             self.transport.close()
         else:
             super().shutdown()
+
+    def end_body(self) -> None:
+        """The server has to stop soon: the application, if more of a body is to come, is told that none does."""
+        cycle = self.cycle
+        if not self._refused and cycle is not None and cycle.more_body and not cycle.response_started:
+            note_stop(cycle.scope["state"])
+            cycle.message_event.set()
 
     # the limits
 

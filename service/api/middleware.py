@@ -12,11 +12,12 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import tracing
+from service.api.draining import cut_off
 from service.api.meters import Meters
 from service.api.places import Places
 from service.api.problems import problem_response
 from service.api.request_ids import request_id_of
-from service.errors import ServiceError, StoppingError
+from service.errors import ServiceError
 
 log = structlog.get_logger(__name__)
 
@@ -36,12 +37,6 @@ def relative(location: str, root_path: str) -> str:
 
 def _only(values: list[str]) -> str | None:
     return values[0] if len(values) == 1 else None
-
-
-def _cut_off() -> StoppingError:
-    error = StoppingError("the service stops; try again")
-    error.headers["Connection"] = "close"
-    return error
 
 
 class RequestContext:
@@ -138,7 +133,7 @@ class AnswerUnhandled:
             if has_begun:
                 raise
             # its task ends with this answer; uvicorn would give one of its own for the error
-            await problem_response(Request(scope), _cut_off())(scope, receive, send)
+            await problem_response(Request(scope), cut_off())(scope, receive, send)
         except Exception:
             log.exception("unhandled error", method=scope["method"], path=scope["path"])
             if has_begun:

@@ -17,7 +17,7 @@ import structlog
 import uvicorn
 from starlette.types import ASGIApp
 
-from service.api.connections import LOG_EVERY_S, BoundedConfig, Limits
+from service.api.connections import LOG_EVERY_S, BoundedConfig, BoundedProtocol, Limits
 from service.settings import Settings
 
 log = structlog.get_logger(__name__)
@@ -31,6 +31,9 @@ _ENOUGH_DESCRIPTORS: Final = 16_384
 _FEWEST_CONNECTIONS: Final = 16
 _NONE_LEFT: Final = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 _CANNOT_START: Final = 3
+#: of the time that requests in flight get when the server stops: bodies may come for so long, and the rest is for what
+#: has come of them
+_BODIES: Final = 0.75
 
 
 def serve(app: ASGIApp, settings: Settings, *, drain_s: int, on_stop: Callable[[], None]) -> None:
@@ -96,6 +99,20 @@ class Server(uvicorn.Server):
         for one in sockets or ():
             one.listen(BACKLOG)
         asyncio.get_running_loop().set_exception_handler(_ExceptionLog())
+
+    async def shutdown(self, sockets: Sequence[socket.socket] | None = None) -> None:
+        """Let requests end; those whose body still comes some time before the others are cut off."""
+        drain_s = self.config.timeout_graceful_shutdown or 0
+        ends = asyncio.get_running_loop().call_later(drain_s * _BODIES, self._end_bodies)
+        try:
+            await super().shutdown(list(sockets or []))
+        finally:
+            ends.cancel()
+
+    def _end_bodies(self) -> None:
+        for one in self.server_state.connections:
+            if isinstance(one, BoundedProtocol):
+                one.end_body()
 
 
 class _ExceptionLog:

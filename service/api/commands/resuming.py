@@ -37,6 +37,7 @@ from service.errors import (
     ConflictError,
     GoneError,
     NotFoundError,
+    StoppingError,
     TooLargeError,
     UnsupportedMediaError,
 )
@@ -166,9 +167,9 @@ async def append(
 ) -> ResumableUpload:
     """Take the bytes that begin at ``offset``, by a link to the upload or not. Returns the upload as it then is.
 
-    When the connection breaks, what has come is kept, unless it has a checksum. Raises `ConflictError` when others are
-    expected, `ChecksumError`, `TooLargeError`, and for the last bytes all that an upload raises: of a file that can
-    never become a medium nothing is kept.
+    When the connection breaks or the server stops, what has come is kept, unless it has a checksum. Raises
+    `ConflictError` when others are expected, `ChecksumError`, `TooLargeError`, and for the last bytes all that an
+    upload raises: of a file that can never become a medium nothing is kept.
     """
     if upload.size_bytes is None or offset != upload.offset_bytes:
         raise ConflictError(f"the next byte is {upload.offset_bytes}, not {offset}")
@@ -184,7 +185,7 @@ async def append(
             with _no_more_than(upload.size_bytes):
                 async for chunk in request.stream():
                     await piece.feed(chunk)
-        except ClientDisconnect:
+        except (ClientDisconnect, StoppingError):
             if checksum is None:
                 with _no_more_than(upload.size_bytes):
                     await piece.feed(unread(request.scope["state"]))

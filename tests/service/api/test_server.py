@@ -7,12 +7,14 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 
+import httpx
 import pytest
 from starlette.types import Message, Receive, Scope, Send
 
 from service.api import create_app
 from service.api.middleware import AnswerUnhandled, RequestContext
 from service.api.server import connection_limit, listen, make_server, with_room
+from service.catalog import Database, resumable
 from service.settings import Settings
 from tests.promises import Drill
 from tests.service.fixtures import MP4, Api, make_tables
@@ -90,6 +92,45 @@ def test_an_upload_that_is_not_whole_when_the_service_has_to_stop_is_told_so(
     assert {"content-type: application/problem+json", "connection: close", "retry-after: 5"} <= set(lines)
     assert "x-request-id: mine" in lines
     assert (problem["code"], problem["request_id"], problem["instance"]) == ("unavailable", "mine", "/v1/videos")
+    assert list(settings.spool_folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("more", ["", "Expect: 100-continue\r\n"])
+def test_what_has_come_of_a_piece_is_kept_when_the_service_has_to_stop(settings: Settings, more: str) -> None:
+    make_tables(settings.database)
+    app = create_app(settings.model_copy(update={"body_timeout_s": 600.0}))
+    server = make_server(app, app.state.services.settings, drain_s=6)
+    size, sent = 3_000_000, MP4 + bytes(1_000_000)
+    tus = {"Tus-Resumable": "1.0.0", "Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"}
+    with listen("127.0.0.1", 0)[0] as listener, httpx.Client() as client:
+        host, port = listener.getsockname()
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        try:
+            until(lambda: server.started)
+            begun = client.post(f"http://{host}:{port}/v1/uploads", headers={**tus, "Upload-Length": str(size)})
+            upload_id = begun.json()["id"]
+            with socket.create_connection((host, port), timeout=60) as connection:
+                head = f"PATCH /v1/uploads/{upload_id} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {size}\r\n{more}"
+                head += "".join(f"{name}: {value}\r\n" for name, value in tus.items())
+                connection.sendall(f"{head}\r\n".encode() + sent)
+                until(lambda: list(settings.spool_folder.iterdir()))
+                server.should_exit = True
+                answer = b""
+                while data := connection.recv(65536):
+                    answer += data
+        finally:
+            server.should_exit = True
+            thread.join(60)
+    first, *lines = answer.removeprefix(b"HTTP/1.1 100 Continue\r\n\r\n").lower().split(b"\r\n")
+    assert first == b"http/1.1 503 service unavailable"
+    assert {b"retry-after: 5", b"connection: close", b"tus-resumable: 1.0.0"} <= set(lines)
+    database = Database(settings.database)
+    with database.read() as session:
+        kept = resumable.get(session, upload_id, now=database.now())
+    database.close()
+    assert kept is not None
+    assert kept.offset_bytes == len(sent)
     assert list(settings.spool_folder.iterdir()) == []
 
 
