@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pvg.landmarks.detector import detect_faces
 from pvg.landmarks.drawing import draw_landmarks
-from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, link_persons
+from pvg.landmarks.identity import RATIOS, FaceShape, face_proportions, frontal_ratios, link_persons, proportions_of
 from pvg.landmarks.mesh import Mesh, fit_landmarks, region_of_points
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.smoothing import smooth
@@ -14,6 +14,7 @@ from pvg.landmarks.tracks import FaceTrack, FaceTracks, OpenTrack
 __all__ = [
     "LOOKBACK",
     "MAX_FACES",
+    "RATIOS",
     "FaceShape",
     "FaceTrack",
     "FaceTracker",
@@ -27,6 +28,7 @@ __all__ = [
     "frontal_ratios",
     "head_pose",
     "link_persons",
+    "proportions_of",
     "region_of_points",
     "smooth",
     "track_faces",

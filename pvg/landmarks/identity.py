@@ -20,6 +20,8 @@ from pvg.landmarks.tracks import FaceTrack
 
 _FRONTAL_DEG = (20.0, 30.0)  # yaw, pitch
 _LEAST_FRAMES = 5
+RATIOS = 11
+"""How many lengths a face is told by."""
 _SPREAD = np.array((0.021, 0.018, 0.044, 0.040, 0.034, 0.098, 0.039, 0.017, 0.019, 0.023, 0.027), np.float32)
 """How much the logarithms of the proportions differ within a person. [measured: first and last thirds of 20 tracks]"""
 _ALIKE = 0.65
@@ -32,12 +34,12 @@ _ALIKE_CHROMA, _ALIKE_LIGHTNESS = 10.0, 25.0  # CIELAB: light differs more betwe
 class FaceShape:
     """What is remembered of a track to tell persons by.
 
-    first, last: its frames;  ratios: (m, 11) float32, see `frontal_ratios`.
+    first, last: its frames;  proportions: see `proportions_of`.
     """
 
     first: int
     last: int
-    ratios: Floats
+    proportions: Floats | None
 
 
 def frontal_ratios(track: FaceTrack) -> Floats:
@@ -75,11 +77,15 @@ def frontal_ratios(track: FaceTrack) -> Floats:
 
 
 def face_proportions(track: FaceTrack | FaceShape) -> Floats | None:
-    """Logarithms of a face's `frontal_ratios`, (11,) float32.
+    """Those of a track, see `proportions_of`."""
+    return track.proportions if isinstance(track, FaceShape) else proportions_of(frontal_ratios(track))
+
+
+def proportions_of(ratios: Floats) -> Floats | None:
+    """Logarithms of a face's `frontal_ratios` (m, 11), (11,) float32.
 
     The median over the frames that show it from the front; None when they are too few.
     """
-    ratios = track.ratios if isinstance(track, FaceShape) else frontal_ratios(track)
     if len(ratios) < _LEAST_FRAMES:
         return None
     return np.log(np.maximum(np.median(ratios, axis=0), 1e-3)).astype(np.float32)

@@ -81,8 +81,8 @@ class Seen:
 class OpenTrack:
     """A face being followed. `frames` and `seen` run parallel and skip the frames where it was not seen.
 
-    first: its first frame, also once the beginning is forgotten; last_mesh: where it was last seen; scores: of all
-    frames that showed it whole; left_picture: whether it left the picture after them;
+    first: its first frame, also once the beginning is forgotten; last_mesh: where it was last seen; scores: of the
+    frames that showed it whole, of which as many are forgotten; left_picture: whether it left the picture after them;
     split_from: the track that it was a part of.
     """
 
@@ -173,8 +173,12 @@ class OpenTrack:
         )
 
     def forget(self, frame: int) -> None:
-        """Drop what came before the last frame at or before `frame` that showed the face."""
+        """Drop what came before the last frame at or before `frame` that showed the face.
+
+        Of a track that is known to be a face: `is_confident` tells of what is left.
+        """
         begin = max(0, bisect_right(self.frames, frame) - 1)
+        del self.scores[: sum(one.score > FACE_GATE for one in self.seen[:begin])]
         del self.frames[:begin], self.seen[:begin]
 
     def shows(self, start: int, stop: int) -> Bools:

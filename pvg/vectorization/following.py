@@ -19,6 +19,7 @@ from pvg.picture import Box, Picture, clipped
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.fading import FADE_REACH, faded
 from pvg.vectorization.key_frames import first_good_row, good_rows
+from pvg.vectorization.places import Places
 from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.surroundings import surroundings
 
@@ -65,7 +66,8 @@ class DeferredTrack:
 class Following:
     """Follows all faces of a clip; `advances` is to be run through once.
 
-    Then `cuts`, `frame_count`, `over_limit`, `too_brief` and `deferred` tell of the whole clip.
+    Then `cuts`, `frame_count`, `over_limit`, `too_brief` and `deferred` tell of the whole clip, and `places` and
+    `key_row` of the frames of tracks for a second reading: of others nothing is kept.
     """
 
     def __init__(
@@ -74,7 +76,10 @@ class Following:
         """from_first_row: whether a track's key view is its first row;  scenes: whether stretches have them."""
         self._scene_reader = SceneReader() if scenes else None
         self._scenes: dict[int, Scene] = {}
-        self._contrasts: dict[int, float] = {}  # of all of them, also of those that are gone
+        self._contrasts: dict[int, float] = {}  # of them, and of those that are gone and come again
+        self._kept_from = 0  # the first frame of which everything is kept
+        #: of the faces that are followed
+        self.places = Places()
         self._looked = -1  # the last frame with a scene
         self._tracker = FaceTracker(min_face_px=min_face_px, frame_rate=frame_rate)
         self._min_face_px = min_face_px
@@ -124,13 +129,28 @@ class Following:
             self._look_around(index, picture, cut=len(self._tracker.cuts) > cuts)
             stretches += self._look_at_faces(index, picture)
             settled = self._settled(index + 1)
-            for frame in [frame for frame in self._scenes if frame < settled]:
-                del self._scenes[frame]
+            self._forget(settled)
             yield Advance(settled, tuple(stretches))
         self._tracker.closed += self._tracker.open
         self._tracker.open = []
         self._finished = True
         yield Advance(self.frame_count, tuple(self._close()))
+
+    def _forget(self, settled: int) -> None:
+        """Let go of what was kept of the frames that are settled, but of what a second reading asks for."""
+        for frame in [frame for frame in self._scenes if frame < settled]:
+            del self._scenes[frame]
+        for frame in range(self._kept_from, settled):
+            if not self._comes_again(frame, frame):
+                self._contrasts.pop(frame, None)
+        self.places.forget(self._kept_from, settled, but=self._comes_again)
+        self._kept_from = settled
+
+    def _comes_again(self, start: int, last: int) -> bool:
+        """Whether a second reading may come to one of the frames from `start` to `last`, which are settled."""
+        return any(course.deferred and course.track.first <= last for course in self._courses) or any(
+            track.first <= last and start <= track.last for track, _ in self._deferred if track.frames
+        )
 
     def _look_around(self, index: int, picture: Picture, *, cut: bool) -> None:
         """Keep the scene of a frame with faces;  cut: whether one was told with it."""
@@ -194,6 +214,7 @@ class Following:
                 width = course.track.raw().width_px
                 if width < self._min_face_px:  # nobody follows it: a crowd's faces would fill the memory
                     course.track.seen.clear()
+                    course.track.frames.clear()
                 self._deferred.append((course.track, width))
         return out
 
@@ -218,6 +239,7 @@ class Following:
         course.done = stop
         track.forget(stop - HISTORY)
         rows = rows_between(window, start, stop)
+        self.places.add(course.number, rows)
         return [Stretch(course.number, start - track.first, rows, pictures, visible, scenes, key, last)]
 
     def _visible(self, track: OpenTrack, start: int, stop: int) -> Floats:

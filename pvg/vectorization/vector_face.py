@@ -144,6 +144,7 @@ class VectorFace:
             self._keys.begin_due(exposure.end())
             self._keys.main_serves_since(exposure.main_since)
         self._keys.wait()
+        self._notes.end()
         del self._skin, self._key_skin, self.key_matte, self._body, self._no_body, self._mattes, self._light
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
@@ -159,12 +160,8 @@ class VectorFace:
         self.finish(writer)
 
     def shape(self) -> FaceShape:
-        """What tells the person."""
+        """What tells the person, once all its rows are added."""
         return self._notes.shape
-
-    def place(self, frame: int) -> Landmarks | None:
-        """About where the face is in a frame, source pixels; None where it is not."""
-        return self._notes.place(frame)
 
     def has_skin(self) -> bool:
         """Whether its mask finds skin on one of its key frames; without there is nothing to vectorise."""

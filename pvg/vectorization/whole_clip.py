@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pvg._arrays import Floats
@@ -43,7 +42,7 @@ def follow_all_faces(source: SourceReader, maker: FaceMaker, writer: AssetWriter
     if deferred:
         first = max(faces, default=-1) + 1
         tracks = dict(enumerate(deferred, first))
-        faces |= _second_reading(source, maker, following, tracks, tuple(faces.values()), shots, writer)
+        faces |= _second_reading(source, maker, following, tracks, shots, writer)
     if not faces:
         raise no_usable_face(
             source.path.name,
@@ -86,11 +85,10 @@ def _second_reading(
     maker: FaceMaker,
     following: Following,
     deferred: dict[int, DeferredTrack],
-    others: Sequence[VectorFace],
     shots: tuple[int, ...],
     writer: AssetWriter,
 ) -> dict[int, VectorFace]:
-    """Follow tracks that are known from end to end, by number;  others: the faces of the first reading."""
+    """Follow tracks that are known from end to end, by number."""
     frame_count = following.frame_count
     late = {number: _LateTrack.of(number, one, shots, frame_count) for number, one in deferred.items()}
     faces: dict[int, VectorFace] = {}
@@ -100,7 +98,7 @@ def _second_reading(
         for index, picture in pictures:
             now = [one for one in late.values() if one.track.first <= index <= one.track.last]
             there = [one.track.landmarks[index - one.track.first] for one in now]
-            there += [place for other in others if (place := other.place(index)) is not None]
+            there += following.places.near(index)
             scenes: tuple[Scene, ...] = ()
             if maker.uses_scenes:
                 scenes = (reader.step(picture, there, cut=index in shots),)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pvg.face import Landmarks
-from pvg.landmarks import FaceShape, face_proportions, link_persons, track_faces
+from pvg.landmarks import FaceShape, face_proportions, link_persons, proportions_of, track_faces
 from pvg.landmarks.identity import _ALIKE, _distances
 from pvg.video import read_frames
 from tests.gallery.faces import rolled
@@ -34,7 +34,7 @@ def made_up_shapes(rng: np.random.Generator, count: int) -> tuple[list[FaceShape
         first, seen = int(rng.integers(0, 40 * count)), int(rng.integers(3, 9))
         own = persons[rng.integers(len(persons))] * np.exp(0.03 * rng.uniform(0, 1) * rng.standard_normal(11))
         ratios = own * np.exp(0.01 * rng.standard_normal((seen, 11)))
-        shapes.append(FaceShape(first, first + int(rng.integers(0, 60)), ratios.astype(np.float32)))
+        shapes.append(FaceShape(first, first + int(rng.integers(0, 60)), proportions_of(ratios.astype(np.float32))))
     return shapes, rng.uniform(180, 205, (count, 3)) - (0, 45, 75)
 
 

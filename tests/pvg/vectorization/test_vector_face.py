@@ -12,6 +12,7 @@ from pvg.asset import AssetWriter, FaceRecord
 from pvg.face import PARTS, Landmarks, layout
 from pvg.landmarks import FaceTrack
 from pvg.picture import as_picture
+from pvg.vectorization.places import Places
 from pvg.vectorization.shared_threads import SharedThreads
 from pvg.vectorization.stretch import KeyView, Stretch
 from pvg.vectorization.vector_face import VectorFace
@@ -31,20 +32,15 @@ def still_rows(landmarks: Landmarks, count: int) -> FaceTrack:
     return FaceTrack(0, Landmarks.unstack(stacked), np.ones(count, np.float32), np.zeros((count, 3), np.float32))
 
 
-def test_a_face_keeps_its_places_and_no_stretch_of_its_track(tmp_path: Path) -> None:
+def test_places_of_faces_are_kept_and_no_stretches_of_their_tracks() -> None:
     scene = drawn_face()
-    picture, count = as_picture(scene.rgb), 6
-    rows = still_rows(scene.landmarks, count)
-    key = KeyView(0, picture, rows.landmarks[0], None)
-    with AssetWriter(tmp_path / "face.pvg") as writer, SharedThreads() as threads:
-        face = VectorFace(0, rows, key, threads, mask="landmarks", seed=0, reset=None)
-        face.add(Stretch(0, 0, rows, (picture,) * count, np.ones(count, np.float32), (), key, True), writer)
-        face.finish(writer)
-    place = face.place(5)
-    assert place is not None
+    places = Places()
+    places.add(0, still_rows(scene.landmarks, 6))
+    (place,) = places.near(5)
     np.testing.assert_array_equal(place.stacked, scene.landmarks.stacked)
     held = {id(base(part)): base(part).nbytes for part in (place.points, place.skin_points)}
     assert sum(held.values()) == place.points.nbytes + place.skin_points.nbytes
+    assert places.near(6) == []
 
 
 LIPS = np.array((168.0, 100.0, 96.0))
