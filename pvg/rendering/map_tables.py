@@ -28,6 +28,7 @@ _HOLLOW = (0.4, 0.8)  # of the skin's middle luma, between which that begins to 
 # mattes of 15 clips and 14 portraits is beyond the first, letters in plain colours are beyond the second], and of what
 # is fitted at curves [by eye]
 _FOREIGN, _FOREIGN_AT_CURVES = (1.6, 2.1), (0.9, 1.3)
+_NO_CHROMA = np.float32(1e-3)  # of e of `tinge`
 _IN_SHADE = 0.7  # of the usual chroma of the skin's middle, which counts at least [by eye: nostrils are a deep red]
 _SAMPLES_BESIDE = np.ones((11, 1), np.uint8)
 
@@ -122,7 +123,9 @@ class MapTables:
         """How far r of `tinge` is between both of `told`, c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
         size, least, (grey, skin) = np.hypot(*self.usual), self.least, self.told
         wide = skin - grey
-        a, b = self.usual / (np.maximum(size * (size + least), np.float32(1e-6)) * wide)
+        # beyond white usual chroma is 0 but for rounding, which has no direction
+        some = np.where(size > _NO_CHROMA * least, self.usual, np.float32(0))
+        a, b = some / (np.maximum(size * (size + least), np.float32(1e-6)) * wide)
         return a, b, (least / (size + least) - grey) / wide
 
     def level_of(self, luma: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -116,3 +117,13 @@ def test_under_haze_a_map_gains_what_haze_leaves_of_it(pixel_format: PixelFormat
     level = 2.0 ** (pixel_format.depth - 8)
     np.testing.assert_allclose(under / level, shown_through(haze) * gained / level, atol=0.8)
     assert np.abs(gained).max() > 30 * level
+
+
+def test_rounding_beyond_white_is_no_direction_of_chroma() -> None:
+    """Highlights of HDR skin above SDR white kept their hue in hard-edged islands."""
+    usual = np.array([[-20.0, 1e-6], [30.0, -1e-6]], np.float32)
+    told = np.array([[0.2, 0.2], [0.7, 0.7]], np.float32)
+    tables = SimpleNamespace(usual=usual, least=np.full(2, 3.6, np.float32), told=told)
+    blue, red, _ = MapTables.alikeness.func(tables)  # type: ignore[arg-type]
+    assert blue[0] < 0 < red[0]
+    assert (blue[1], red[1]) == (0, 0)
