@@ -8,12 +8,14 @@ reading: tracks that begin too doubtful, too small, or without one good view of 
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pvg._arrays import Floats
+from pvg.face import Landmarks
 from pvg.landmarks import LOOKBACK, FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Box, Picture, clipped
 from pvg.skin import Scene, SceneReader
@@ -61,6 +63,21 @@ class DeferredTrack:
 
     track: FaceTrack
     left_picture: bool
+
+    def smoothed(self) -> FaceTrack:
+        """The track as it would be if it had been followed: smoothing a long one at once takes ten times its memory."""
+        track = self.track
+        shown = (track.first + np.flatnonzero(track.score > 0)).tolist()
+        stacked, pose = np.empty_like(track.landmarks.stacked), np.empty_like(track.pose)
+        for start in range(track.first, track.last + 1, CHUNK):
+            stop = min(start + CHUNK, track.last + 1)
+            # gaps are filled between the frames at their ends
+            begin = shown[max(0, bisect_right(shown, start - HISTORY) - 1)]
+            end = shown[min(len(shown) - 1, bisect_left(shown, start + CHUNK + LOOKAHEAD))] + 1
+            rows = rows_between(smooth(rows_between(track, begin, end)), start, stop)
+            stacked[start - track.first : stop - track.first] = rows.landmarks.stacked
+            pose[start - track.first : stop - track.first] = rows.pose
+        return replace(track, landmarks=Landmarks.unstack(stacked), pose=pose)
 
 
 class Following:

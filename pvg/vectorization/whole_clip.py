@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pvg._arrays import Floats
 from pvg._threads import ahead
 from pvg.asset import AssetWriter
-from pvg.landmarks import FaceTrack, smooth
+from pvg.landmarks import FaceTrack
 from pvg.picture import Picture
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
@@ -124,7 +124,7 @@ class _LateTrack:
     @classmethod
     def of(cls, number: int, deferred: DeferredTrack, shots: tuple[int, ...], frame_count: int) -> _LateTrack:
         """A deferred track of a clip with these shots."""
-        track = smooth(deferred.track)
+        track = deferred.smoothed()
         return cls(number, track, opacity(track, shots, frame_count, left_picture=deferred.left_picture))
 
     def stretch(self, index: int, picture: Picture, scenes: tuple[Scene, ...]) -> Stretch:

@@ -113,12 +113,20 @@ def test_a_second_reading_gives_what_one_does(
     short_clip: Path, video: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tracks without a good view in time are followed again with the whole course known."""
-    import pvg.vectorization.following
+    from pvg.vectorization import following
+
+    chunk, lookahead, deferred = following.CHUNK, following.LOOKAHEAD, following.Following.deferred
+
+    def usual_from_here(self: following.Following) -> tuple[tuple[following.DeferredTrack, ...], float]:
+        monkeypatch.setattr(following, "CHUNK", chunk)
+        monkeypatch.setattr(following, "LOOKAHEAD", lookahead)
+        return deferred(self)
 
     never = lambda track: np.zeros(len(track.score), np.bool_)  # noqa: E731
-    monkeypatch.setattr(pvg.vectorization.following, "good_rows", never)
-    monkeypatch.setattr(pvg.vectorization.following, "CHUNK", 4)
-    monkeypatch.setattr(pvg.vectorization.following, "LOOKAHEAD", 4)
+    monkeypatch.setattr(following, "good_rows", never)
+    monkeypatch.setattr(following, "CHUNK", 4)
+    monkeypatch.setattr(following, "LOOKAHEAD", 4)
+    monkeypatch.setattr(following.Following, "deferred", usual_from_here)
     stages: list[str] = []
     with pvg.vectorize(short_clip, progress=lambda stage, done, total: stages.append(stage)) as again:
         assert stages.count("second reading") == 40

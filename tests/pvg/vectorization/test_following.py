@@ -11,7 +11,7 @@ from pvg.face import Landmarks
 from pvg.landmarks import FaceTrack, smooth, track_faces
 from pvg.picture import Picture, RgbPicture
 from pvg.vectorization.fading import opacity
-from pvg.vectorization.following import CHUNK, LOOKAHEAD, Following
+from pvg.vectorization.following import CHUNK, LOOKAHEAD, DeferredTrack, Following
 from pvg.vectorization.stretch import Stretch
 from pvg.video import picture_of, read_frames
 from scripts.samples import Samples
@@ -81,6 +81,9 @@ def test_one_reading_gives_the_track_that_two_give(clip: Frames) -> None:
     assert accelerations[0] < 1.05 * accelerations[1]
     assert following.cuts == ()
     assert following.deferred() == ((), 0.0)
+    later = DeferredTrack(whole, left_picture=False).smoothed()
+    np.testing.assert_array_equal(later.landmarks.stacked, track.landmarks.stacked)
+    np.testing.assert_array_equal(later.pose, track.pose)
 
 
 def test_a_short_track_is_smoothed_as_a_whole(clip: Frames) -> None:

@@ -15,12 +15,13 @@ import pytest
 
 import pvg
 from pvg.face import Landmarks
-from pvg.landmarks import Mesh, face_proportions
-from pvg.vectorization.following import CHUNK, Following
+from pvg.landmarks import FaceTrack, Mesh, OpenTrack, face_proportions
+from pvg.vectorization.following import CHUNK, DeferredTrack, Following
 from pvg.vectorization.places import Places
 from pvg.vectorization.stretch import rows_between
 from pvg.vectorization.track_notes import TrackNotes
 from tests.gallery.tracks import nearly_still_track
+from tests.pvg.vectorization.test_following import joined
 from tests.pvg.vectorization.test_following_at_random import (  # noqa: F401
     BLACK,
     Clip,
@@ -124,3 +125,56 @@ def test_notes_of_stretches_tell_what_the_whole_track_does(face: Mesh) -> None: 
     assert wanted is not None
     assert notes.shape.proportions is not None
     np.testing.assert_array_equal(notes.shape.proportions, wanted)
+
+
+def hidden_now_and_then(count: int) -> np.ndarray:
+    """(count,) scores of a face that is hidden for up to ten frames at a time, but not at its ends."""
+    scores, rng = np.full(count, 0.99), np.random.default_rng(3)
+    for begin in range(8, count - 16, 24):
+        scores[begin : begin + rng.integers(1, 11)] = 0
+    return scores
+
+
+def track_of(clip: Clip, face: Mesh) -> FaceTrack:  # noqa: F811
+    """The first person's track, whole and not smoothed."""
+    tracker, shown = Tracker(clip, face), np.flatnonzero(clip.scores[:, 0])
+    track = OpenTrack(int(shown[0]), tracker.mesh(int(shown[0]), 0))
+    for frame in shown:
+        track.add(int(frame), tracker.mesh(int(frame), 0))
+    return track.raw()
+
+
+@pytest.mark.parametrize("count", [20, 300])
+def test_a_face_that_is_followed_later_is_as_if_it_had_been_at_once(
+    count: int,
+    follow: Following_,
+    face: Mesh,  # noqa: F811
+) -> None:
+    scores = np.zeros((count, 3))
+    scores[:, 0] = hidden_now_and_then(count)
+    clip = Clip(25, scores, np.zeros((count, 3), bool), frozenset(), {})
+    frames = ((k, Frame(BLACK, index=k)) for k in range(count))
+    at_once = joined([one for advance in follow(clip).advances(frames) for one in advance.stretches])
+    raw = track_of(clip, face)
+    later = DeferredTrack(raw, left_picture=False).smoothed()
+    assert count == 20 or (raw.score == 0).any()
+    assert count == 20 or np.abs(later.landmarks.stacked - raw.landmarks.stacked).max() > 0.05
+    np.testing.assert_array_equal(later.landmarks.stacked, at_once.landmarks.stacked)
+    np.testing.assert_array_equal(later.pose, at_once.pose)
+    np.testing.assert_array_equal(later.score, at_once.score)
+
+
+def test_a_long_face_that_is_followed_later_needs_memory_for_its_rows_alone(face: Mesh) -> None:  # noqa: F811
+    """It was 36 kB a frame, 3.2 GB an hour, in which everything was smoothed at once."""
+    most = []
+    for count in (500, 1500):
+        scores = np.full((count, 3), (0.99, 0, 0))
+        clip = Clip(25, scores, np.zeros((count, 3), bool), frozenset(), {})
+        waiting = DeferredTrack(track_of(clip, face), left_picture=False)
+        tracemalloc.start()
+        try:
+            waiting.smoothed()
+            most.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert (most[1] - most[0]) / 1000 < 2.5 * waiting.track.landmarks.stacked[0].nbytes
