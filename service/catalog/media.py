@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from sqlalchemy import case, or_, select, union_all, update
 from sqlalchemy import delete as delete_rows
@@ -19,6 +19,9 @@ from service.catalog.models import ACTIVE, Job, JobKind, JobState, Look, Media, 
 from service.catalog.paging import newest
 from service.catalog.requests import DEFAULT_VECTOR_SETTINGS, VectorizeRequest, VectorSettings, vector_settings
 from service.catalog.transitions import Lease, MediaStep, take_media_step
+
+#: the least that a time is moved by
+_TICK: Final = timedelta(microseconds=1)
 
 
 @dataclass(frozen=True)
@@ -271,12 +274,13 @@ def _made_since(session: Session, media: Media, then: datetime) -> bool:
     return made is not None and made.state == JobState.SUCCEEDED and made.created_at > then
 
 
-def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: float) -> None:
-    """Count the retention of these media from now: they are in use."""
-    changed(
-        session,
-        update(Media).where(Media.id.in_(media_ids)).values(expires_at=now + timedelta(seconds=ttl_s)),
-    )
+def keep(media: Iterable[Media], *, now: datetime, ttl_s: float) -> None:
+    """Count the retention of these media, which are locked, from now, unless it is longer: they are in use.
+
+    Each use moves it, if by no more than a tick: by that a medium is seen to have been used.
+    """
+    for one in media:
+        one.expires_at = max(one.expires_at + _TICK, now + timedelta(seconds=ttl_s))
 
 
 def kept_until(session: Session, job_ids: Collection[str]) -> dict[str, datetime]:

@@ -157,7 +157,7 @@ def publish(
 
 
 def keep(session: Session, job_id: str, *, now: datetime, ttl_s: float) -> bool:
-    """Count the retention of a job's results, if there are any yet, from now: they are asked for again.
+    """Count the retention of a job's results, if there are any yet, from now, unless it is longer: they are asked for.
 
     False, and nothing changed, when one of them has expired or was deleted meanwhile.
     """
@@ -167,7 +167,8 @@ def keep(session: Session, job_id: str, *, now: datetime, ttl_s: float) -> bool:
     gone = select(Look.position).where(Look.job_id == job_id, Look.result_gone.is_not(None)).limit(1)
     if None in blobs or session.scalar(gone) is not None:
         return False
-    changed(session, update(Result).where(of_job).values(expires_at=now + timedelta(seconds=ttl_s)))
+    longer = now + timedelta(seconds=ttl_s)
+    changed(session, update(Result).where(of_job, Result.expires_at < longer).values(expires_at=longer))
     return True
 
 

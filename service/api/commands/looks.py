@@ -134,7 +134,7 @@ def request_looks(
             )
         if asked.webhook is not None:
             webhooks.announce(session, job, asked.webhook, now=now)
-        media.keep(session, list(known), now=now, ttl_s=services.settings.media_ttl_s)
+        media.keep(known.values(), now=now, ttl_s=services.settings.media_ttl_s)
         body = lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
         location = addresses.of_job(services.settings, job.id)
         asked.once.keep(session, 202 if new else 200, body, location=location, resource_id=job.id)

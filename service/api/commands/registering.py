@@ -160,7 +160,7 @@ class _Arrival:
             if self.file.filename is not None and not asked.by_link:
                 found.filename = self.file.filename
             again = media.vectorize_again(session, found, now=now)
-            media.keep(session, [found.id], now=now, ttl_s=services.settings.media_ttl_s)
+            media.keep([found], now=now, ttl_s=services.settings.media_ttl_s)
             session.flush()
             session.refresh(found)
             registered = self._registered(session, found, pending=again)

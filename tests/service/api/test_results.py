@@ -7,14 +7,14 @@ from datetime import datetime, timedelta
 from typing import Any
 
 import pytest
-from sqlalchemy import delete, update
+from sqlalchemy import delete, select, update
 
 from service.api.downloads import disposition
 from service.api.uploads import declared_name
 from service.catalog import Media, Output, PartName, PartOf, Result, jobs, results, sweep
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import transfer, upload
-from tests.service.fixtures import Api, claim, make_ready, make_results
+from tests.service.fixtures import MP4, Api, claim, make_ready, make_results, serve
 from tests.waiting import until
 
 CONTENT = os.urandom(1_000_000)
@@ -288,6 +288,28 @@ def test_a_transfer_that_finds_its_result_keeps_it_with_its_parts_for_a_full_ret
     assert all(datetime.fromisoformat(file["expires_at"]) >= full for file in shown)
 
 
+def test_no_use_shortens_what_is_kept_where_the_times_of_retention_are_shorter_now(
+    api: Api, job: dict[str, Any]
+) -> None:
+    video = job["looks"][0]["video"]
+
+    def kept_until() -> list[datetime]:
+        with api.services.database.read() as session:
+            of_media = session.get_one(Media, video).expires_at
+            of_results = session.scalars(
+                select(Result.expires_at).where(Result.job_id == job["id"]).order_by(Result.id)
+            )
+            return [of_media, *of_results]
+
+    promised = kept_until()
+    less = {"media_ttl_s": 60.0, "result_ttl_s": 60.0}
+    for other in serve(api.services.settings.model_copy(update=less)):
+        again = other.client.post("/transfer", json={"video": video, "looks": [{"reference": video}] * 2})
+        assert (again.status_code, again.json()["id"]) == (200, job["id"])
+        assert other.client.post("/videos", content=MP4).json()["id"] == video
+    assert all(timedelta() <= new - old < timedelta(seconds=1) for new, old in zip(kept_until(), promised, strict=True))
+
+
 def test_a_result_is_said_to_be_kept_no_longer_than_its_video(api: Api, job: dict[str, Any]) -> None:
     look = job["looks"][0]
     until = api.services.database.now().replace(microsecond=0) + timedelta(seconds=100)
@@ -332,11 +354,11 @@ def test_results_of_which_one_has_expired_are_not_kept_on(api: Api, job: dict[st
         result = results.get(session, job["looks"][0]["result"])
         assert result is not None
         now = services.database.now()
-        assert results.keep(session, job["id"], now=now, ttl_s=500)
+        assert results.keep(session, job["id"], now=now, ttl_s=5000)
         assert results.drop_bytes(session, result, now=now)
-        assert not results.keep(session, job["id"], now=now, ttl_s=1000)
+        assert not results.keep(session, job["id"], now=now, ttl_s=10_000)
         session.refresh(result)
-        assert result.expires_at == now + timedelta(seconds=500)
+        assert result.expires_at == now + timedelta(seconds=5000)
 
 
 def test_results_of_which_one_was_deleted_are_not_kept_on(api: Api, job: dict[str, Any]) -> None:

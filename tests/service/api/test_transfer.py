@@ -370,6 +370,22 @@ def test_a_refused_form_takes_back_the_references_that_it_has_brought(
     assert len(api.client.get("/references").json()["data"]) == 3
 
 
+def test_a_refused_form_leaves_what_another_api_with_a_shorter_retention_is_asked_for(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = upload(api, "/videos")
+    for other in serve(api.services.settings.model_copy(update={"media_ttl_s": 1800.0})):
+
+        def asked_for(*arguments: Any, other: Api = other, **named: Any) -> Any:
+            assert other.client.post("/references", content=PNG).is_success
+            raise ValidationFailedError("refused")
+
+        monkeypatch.setattr(commands, "request_looks", asked_for)
+        files = [("reference", ("a.png", PNG))]
+        assert api.client.post("/transfer", data={"video": video["id"]}, files=files).status_code == 422
+    assert len(api.client.get("/references").json()["data"]) == 1
+
+
 def test_a_form_over_the_quota_takes_back_its_references(api: Api) -> None:
     one = holder(api, Limits(stored_bytes=len(MP4) + len(PNG) + 2))
     video = one.upload().json()
