@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import from_json
 from starlette.requests import Request
 
 from service.api.draining import note_limit
 from service.api.problems import invalid
 from service.api.uploads import check_coding, check_digest, expected_digest
-from service.errors import TooLargeError, UnsupportedMediaError
+from service.errors import BadRequestError, TooLargeError, UnsupportedMediaError
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -47,6 +48,10 @@ async def read_json(request: Request, model: type[Model], *, limit_bytes: int, a
     expected = expected_digest(request.headers.getlist("repr-digest"))
     body = await _body(request, limit_bytes=limit_bytes)
     check_digest(expected, hashlib.sha256(body).hexdigest())
+    try:
+        from_json(body, allow_inf_nan=False)  # pydantic's models take NaN and Infinity, which JSON has not
+    except ValueError as error:
+        raise BadRequestError("the body is not valid JSON") from error
     try:
         # JSON has numbers and booleans of its own: a text or a boolean is no number there
         return model.model_validate_json(body, strict=True)

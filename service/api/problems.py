@@ -29,7 +29,6 @@ from service.api.schemas import METADATA_NAME, METADATA_PAIR, METADATA_VALUE
 from service.errors import (
     PROBLEM_JSON,
     PROBLEMS,
-    BadRequestError,
     FetchFailedError,
     ProblemType,
     ServiceError,
@@ -94,8 +93,6 @@ def invalid(error: ValidationError) -> ServiceError:
 
 
 def _from_details(details: list[ErrorDetails]) -> ServiceError:
-    if any(item["type"] == "json_invalid" for item in details):
-        return BadRequestError("the body is not valid JSON")
     by_pointer: dict[str, list[str]] = {}
     for item in details:
         messages = by_pointer.setdefault(pointer(_place(item["loc"])), [])

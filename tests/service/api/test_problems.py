@@ -262,6 +262,20 @@ def test_of_many_errors_the_first_are_listed(api: Api) -> None:
     assert len(check(api.client.get("/jobs?" + "&".join(f"x{i}" for i in range(1500))), 422)["errors"]) == 100
 
 
+@pytest.mark.parametrize("number", [b"NaN", b"Infinity", b"-Infinity"])
+def test_what_json_has_no_number_for_is_no_json(api: Api, number: bytes) -> None:
+    """RFC 8259, 6: wherever it stands, and in every body alike."""
+    json_type = {"content-type": "application/json"}
+    result = f"/results/res_{'0' * 32}/link"
+    for path in ("/transfer", "/swap", "/preview", "/videos", "/references", "/videos/url", "/uploads/link", result):
+        for body in (b'{"expires_in_s": %s}', b'{"looks": [{"strength": %s}]}', b"%s"):
+            refused = api.client.post(path, content=body % number, headers=json_type)
+            assert (refused.status_code, refused.json()["code"]) == (400, "malformed"), (path, refused.text)
+            assert refused.json()["detail"] == "the body is not valid JSON"
+    named = api.client.post("/uploads/link", content=b'{"metadata": {"a": "%s"}}' % number, headers=json_type)
+    assert named.status_code == 201  # a text may be so
+
+
 def test_of_a_body_that_is_all_wrong_nothing_is_listed(api: Api) -> None:
     body = {"video": "vid_" + "0" * 32, "looks": [0]} | {f"k{i}": 0 for i in range(50_000)}
     problem = check(api.client.post("/transfer", json=body), 422)
