@@ -53,6 +53,14 @@ def number(headers: Mapping[str, str], name: str) -> int:
     return int(text)
 
 
+def announced(headers: Mapping[str, str]) -> int:
+    """The size of a file. Raises `BadRequestError` when there is none, or it is to be said later all the same."""
+    size_bytes = number(headers, "Upload-Length")
+    if "upload-defer-length" in headers:
+        raise BadRequestError("send Upload-Length alone: with Upload-Defer-Length the length is not known yet")
+    return size_bytes
+
+
 def check_content_type(headers: Mapping[str, str]) -> None:
     """Raise `UnsupportedMediaError` for a body that is no piece of a file."""
     if headers.get("content-type", "").partition(";")[0].strip().lower() != CONTENT_TYPE:

@@ -105,7 +105,7 @@ def _http_date(time: datetime) -> str:
 def _announced(request: Request) -> tuple[int, dict[str, str], str]:
     tus.check_whole(request.headers)
     raw = request.headers.get("upload-metadata", "")
-    return tus.number(request.headers, "Upload-Length"), tus.metadata(raw), raw
+    return tus.announced(request.headers), tus.metadata(raw), raw
 
 
 @router.post(

@@ -299,6 +299,16 @@ def test_a_part_of_uploads_that_shall_be_joined_is_no_file(api: Api, concat: str
     assert [upload["size_bytes"] for upload in api.client.get("/uploads").json()["data"]] == [None]
 
 
+def test_a_length_that_is_said_and_shall_be_said_later_is_refused(api: Api) -> None:
+    """The field is left out where the length is known (tus 1.0, Upload-Defer-Length); others answer 400, too."""
+    link = api.client.post("/uploads/link", json={}).json()["url"]
+    for url in ("/uploads", link):
+        refused = api.client.post(url, headers=TUS | {"Upload-Length": "10", "Upload-Defer-Length": "1"})
+        assert (refused.status_code, refused.json()["code"]) == (400, "malformed")
+        assert refused.json()["detail"].startswith("send Upload-Length alone")
+    assert [upload["size_bytes"] for upload in api.client.get("/uploads").json()["data"]] == [None]
+
+
 def test_an_upload_takes_all_the_metadata_that_a_file_may_have(api: Api) -> None:
     metadata = {f"metadata.{number:02}{'n' * 38}": f"{number:02}{'v' * 198}" for number in range(16)}
     media = send(api.client, begin(api.client, len(MP4), **metadata), 0, MP4).headers["pvg-media"]
