@@ -153,8 +153,8 @@ class IdempotencyKeyInUseError(ServiceError):
 
     kind = PROBLEMS["idempotency-key-in-use"]
 
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Retry-After": "1"})
+    def __init__(self, detail: str, *, retry_after_s: int) -> None:
+        super().__init__(detail, headers={"Retry-After": str(retry_after_s)})
 
 
 class GoneError(ServiceError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import math
 import re
 import secrets
 from types import TracebackType
@@ -102,7 +103,7 @@ class Once:
                 return idempotency.begin(session, claim, now=database.now(), lock_s=LOCK_S, ttl_s=ttl_s)
         except idempotency.InUseError as error:
             detail = "another request with this Idempotency-Key is being worked on; ask again for its answer"
-            raise IdempotencyKeyInUseError(detail) from error
+            raise IdempotencyKeyInUseError(detail, retry_after_s=max(1, math.ceil(error.ask_in_s))) from error
 
     async def _beat(self, claim: Claim) -> None:
         """Hold the key while a long upload arrives."""

@@ -42,7 +42,15 @@ class Answer:
 
 
 class InUseError(Exception):
-    """Another request with the same Idempotency-Key is being worked on."""
+    """Another request with the same Idempotency-Key is being worked on.
+
+    ``ask_in_s``: when to ask again. That is as long as it has not been heard of, so that a short request is asked for
+    soon and one whose process was killed not often, and no longer than its lock lasts.
+    """
+
+    def __init__(self, ask_in_s: float = 0.0) -> None:
+        super().__init__(ask_in_s)
+        self.ask_in_s = ask_in_s
 
 
 def begin(session: Session, claim: Claim, *, now: datetime, lock_s: float, ttl_s: float) -> Answer | None:
@@ -65,7 +73,8 @@ def begin(session: Session, claim: Claim, *, now: datetime, lock_s: float, ttl_s
         if found.status is not None and found.digest is not None:
             return Answer(found.digest, found.status, found.location, found.body or {})
         if found.locked_until > now and found.token != claim.token:
-            raise InUseError
+            left_s = (found.locked_until - now).total_seconds()
+            raise InUseError(min(left_s, lock_s - left_s))
     found.token, found.locked_until, found.expires_at = claim.token, locked, expires
     found.digest = found.status = found.location = found.body = found.resource_id = None
     return None

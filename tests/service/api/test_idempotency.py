@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import sqlite3
 import threading
 from collections import Counter
@@ -201,6 +202,25 @@ def test_a_claim_may_be_made_again_by_the_same_request(either: Api) -> None:
     begin(claim)
     with pytest.raises(idempotency.InUseError):
         begin(other)
+
+
+def test_who_asks_as_told_while_the_key_of_a_killed_process_is_locked_asks_a_few_times(api: Api) -> None:
+    database, killed_at = api.services.database, api.services.database.now()
+    with database.write() as session:
+        idempotency.begin(session, Claim("", "lost", "0" * 32), now=killed_at, lock_s=30, ttl_s=100)
+    asked_at, asked = killed_at + timedelta(seconds=0.5), []
+    while asked_at < killed_at + timedelta(seconds=30):
+        with database.write() as session, pytest.raises(idempotency.InUseError) as in_use:
+            idempotency.begin(session, Claim("", "lost", "1" * 32), now=asked_at, lock_s=30, ttl_s=100)
+        asked.append(max(1, math.ceil(in_use.value.ask_in_s)))
+        asked_at += timedelta(seconds=asked[-1])
+    assert asked == [1, 2, 4, 8, 15]
+    body = wanted(api)
+    with database.write() as session:
+        (row,) = session.scalars(select(IdempotentRequest))
+        row.locked_until = database.now() + timedelta(seconds=10.9)
+    refused = post(api, "/transfer", "lost", json=body)
+    assert (refused.status_code, refused.headers["retry-after"]) == (409, "11")
 
 
 def test_a_claim_ends_with_its_lock_and_an_answer_with_its_time(api: Api) -> None:
