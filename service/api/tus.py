@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -77,7 +76,7 @@ def checksum(headers: Mapping[str, str]) -> Checksum | None:
         raise BadRequestError(f"Upload-Checksum: use one of {', '.join(ALGORITHMS)}")
     try:
         return Checksum(algorithm, base64.b64decode(encoded, validate=True))
-    except binascii.Error as error:
+    except ValueError as error:  # also for what is not ASCII, which is no `binascii.Error`
         raise BadRequestError("Upload-Checksum is not an algorithm and a digest in base64") from error
 
 

@@ -374,6 +374,14 @@ def test_what_is_no_film_is_refused_after_its_first_bytes_unless_they_may_be_dam
     until(lambda: (api.blobs, api.drafts) == ([], []))
 
 
+def test_a_checksum_that_is_no_base64_is_malformed(api: Api) -> None:
+    url, fields = begin(api.client, len(MP4)), PIECE | {"Upload-Offset": "0"}
+    for digest in ("AAA", "AA=A", "***", b"sha1 \xe9"):
+        header = digest if isinstance(digest, bytes) else f"sha1 {digest}".encode()
+        refused = api.client.patch(url, content=MP4, headers=[*fields.items(), ("Upload-Checksum", header)])
+        assert (refused.status_code, refused.json()["code"]) == (400, "malformed"), digest
+
+
 def test_damaged_first_bytes_take_no_upload_away(api: Api) -> None:
     url = begin(api.client, 1_000_000)
     digest = base64.b64encode(hashlib.sha1(content()).digest()).decode()
