@@ -140,7 +140,7 @@ class Runner:
         try:
             self._release_waiting()
         except Exception as error:
-            if not is_outage(error):
+            if not _may_pass(error):
                 raise
             log.warning("left to the reaper", error=type(error).__name__)
 
@@ -322,7 +322,7 @@ def _done(run: Run) -> bool:
 
 
 def _may_pass(error: BaseException) -> bool:
-    """Whether the records may take a last step later: they are away, or their disk is full."""
+    """Whether the records may take a step later: they are away, or their disk is full."""
     return is_outage(error) or is_disk_full(error)
 
 

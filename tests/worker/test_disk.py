@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import sqlite3
 import time
 from pathlib import Path
 
 import pytest
+from sqlalchemy.exc import OperationalError
 
-from service.catalog import Database, Job, JobKind, JobState, leases, workers
+from service.catalog import Database, Job, JobKind, JobState, Message, leases, workers
 from service.queue import make_folders
 from service.settings import Settings
 from service.spool import Spool
@@ -77,6 +79,21 @@ def test_a_job_that_failed_for_its_worker_is_tried_again_after_a_pause(
     assert job.error is not None
     assert job.error["type"] == problem
     assert "secret" not in str(job.error)
+
+
+def test_what_waited_for_a_job_is_left_to_the_reaper_where_the_disk_of_the_records_is_full(
+    runner: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    medium = add_media(runner._database)
+    full = sqlite3.OperationalError("database or disk is full")
+    full.sqlite_errorcode = sqlite3.SQLITE_FULL
+
+    def release(*_: object, **__: object) -> list[Message]:
+        raise OperationalError("UPDATE jobs", None, full)
+
+    monkeypatch.setattr(runner_module.jobs, "release", release)
+    runner.run(medium.job_id)  # no error of the task, whose job has ended well
+    assert job_of(runner._database, medium.job_id).state == JobState.SUCCEEDED
 
 
 def test_a_job_that_is_canceled_ends_the_pause(runner: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
