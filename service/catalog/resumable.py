@@ -157,9 +157,9 @@ def remove(session: Session, upload: ResumableUpload, *, now: datetime) -> list[
 
 def forget(session: Session, media_id: str) -> None:
     """Remove the records of the uploads that a medium, which is deleted, was made of."""
-    for upload_id in session.scalars(select(ResumableUpload.id).where(ResumableUpload.media_id == media_id)).all():
-        idempotency.forget(session, [upload_id])  # the answer to its beginning has the file's name
-    changed(session, delete(ResumableUpload).where(ResumableUpload.media_id == media_id))
+    its = ResumableUpload.media_id == media_id
+    idempotency.forget(session, select(ResumableUpload.id).where(its))  # the answers to their beginnings have its name
+    changed(session, delete(ResumableUpload).where(its))
 
 
 def expire(session: Session, *, now: datetime, limit: int) -> int:
