@@ -21,7 +21,7 @@ from service.api.origins import Cors, OwnHostAndOrigin
 from service.api.query import check_parameters
 from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS, TUS_ROUTERS
 from service.api.routers.uploads import speak
-from service.api.services import make_services
+from service.api.services import Services, make_services
 from service.settings import Settings
 from service.version import VERSION
 
@@ -61,6 +61,21 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
     app.state.services = services
+    _surround(app, services)
+    problems.install(app)
+    idempotency.install(app)
+    app.router.routes.extend(_routes())
+    # the schema is made when it is asked for: it takes most of a second
+    services.meters.name_routes(_paths())
+    openapi.install(app)
+    docs.install(app)
+    page.install(app)
+    return app
+
+
+def _surround(app: FastAPI, services: Services) -> None:
+    """Put the middleware around an application."""
+    settings = services.settings
     # each surrounds those before it
     app.add_middleware(OwnHostAndOrigin, hosts=settings.host_names, origins=settings.origins)
     app.add_middleware(DrainBeforeRefusal)
@@ -80,15 +95,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             ],
         )
     app.add_middleware(RequestContext, meters=services.meters, places=services.places, root_path=settings.root_path)
-    problems.install(app)
-    idempotency.install(app)
-    app.router.routes.extend(_routes())
-    # the schema is made when it is asked for: it takes most of a second
-    services.meters.name_routes(_paths())
-    openapi.install(app)
-    docs.install(app)
-    page.install(app)
-    return app
 
 
 @cache
