@@ -86,6 +86,16 @@ def test_in_a_folder_a_file_has_its_own_name_and_stays_there(tmp_path: Path, sai
     assert (tmp_path / name).read_bytes() == CONTENT
 
 
+def test_a_folder_that_is_not_there_is_no_file(tmp_path: Path) -> None:
+    with Client(
+        transport=httpx.MockTransport(lambda _: httpx.Response(200, stream=httpx.ByteStream(CONTENT)))
+    ) as client:
+        with pytest.raises(FileNotFoundError, match="folder"):
+            client.download(RESULT, f"{tmp_path}/looks/")
+        assert contents(tmp_path) == {}
+        assert client.download(RESULT, f"{tmp_path}/looks").read_bytes() == CONTENT
+
+
 class Named(httpx.BaseTransport):
     """Has files of one name, each under the path of its result."""
 

@@ -49,6 +49,13 @@ def test_what_is_no_id_is_refused_before_anything_is_sent(call: str) -> None:
             CALLS[call](client, some)
 
 
+def test_of_an_address_that_is_no_id_the_signature_is_not_told() -> None:
+    with Client(transport=Script()) as client, pytest.raises(ValueError, match="is no id") as caught:
+        client.download("http://service.test/v1/results/res_1?expires=1&signature=abc", "look.mp4")
+    assert "results/res_1" in str(caught.value)
+    assert "abc" not in str(caught.value)
+
+
 @pytest.mark.parametrize("index", ["../../..", "0/../../poster", "0?layer=mask", ""])
 def test_a_number_is_one_segment_too(index: Any) -> None:
     with Client(transport=Script()) as client:

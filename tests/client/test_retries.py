@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta, tzinfo
 from email.utils import format_datetime
 from pathlib import Path
@@ -134,6 +134,15 @@ def test_the_service_says_for_how_long(transfer: Transfer, pauses: list[float]) 
     date = format_datetime(NOW + timedelta(seconds=30), usegmt=True)
     transfer(Script(problem(503, Retry_After="7"), problem(429, Retry_After=date), good()))
     assert pauses == [7, 23]
+
+
+@both
+@pytest.mark.parametrize(
+    "said", ["soon", "-1", "Mon, 30 Nov 99999 10:00:00 GMT", f"Mon, {'9' * 20} Nov 2026 10:00:00 GMT"]
+)
+def test_what_is_no_time_is_passed_over(transfer: Transfer, said: str, pauses: list[float]) -> None:
+    assert transfer(Script(problem(503, Retry_After=said), good())).id == "job_1"
+    assert 0.25 <= pauses[0] <= 0.5
 
 
 @both
@@ -271,6 +280,23 @@ def test_looks_may_be_references_alone_and_one_of_them_needs_no_list() -> None:
     bodies = [{"reference": "ref_1"}, {"reference": "ref_3"}, {"reference": "ref_2", "strength": 0.5}]
     asked = [json.loads(request.content)["looks"] for request in script.requests]
     assert asked == [bodies, *([body] for body in bodies)]
+
+
+@pytest.mark.parametrize(
+    ("listed", "query"),
+    [
+        (lambda client: client.jobs(ids="job_1", state="queued", kind="swap"), "id=job_1&state=queued&kind=swap"),
+        (lambda client: client.jobs(ids=["job_1", "job_2"], state=["queued"]), "id=job_1%2Cjob_2&state=queued"),
+        (lambda client: client.videos(state="ready"), "state=ready"),
+        (lambda client: client.references(state="ready"), "state=ready"),
+        (lambda client: client.webhooks(state="failed"), "state=failed"),
+    ],
+)
+def test_one_value_to_list_by_needs_no_list(listed: Callable[[Client], Iterator[Any]], query: str) -> None:
+    script = Script(httpx.Response(200, json={"data": [], "next_cursor": None}))
+    with Client(transport=script) as client:
+        assert list(listed(client)) == []
+    assert script.requests[0].url.query.decode() == query
 
 
 def test_members_of_later_versions_are_passed_over() -> None:

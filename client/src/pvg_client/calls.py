@@ -21,7 +21,7 @@ from typing import Any, Final, Protocol, TypeAlias, TypeVar
 import httpx
 
 from pvg_client._version import __version__
-from pvg_client.errors import ApiError, UnreachableError
+from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.models import Problem
 
 #: what the paths of the service begin with
@@ -92,20 +92,33 @@ def worked(do: Callable[[], T]) -> Flow[T]:
 
 
 class FilePart(httpx.SyncByteStream, httpx.AsyncByteStream):
-    """A file as a body: read while it is sent, and from its beginning each time."""
+    """A file as a body: read while it is sent, and from its beginning each time.
 
-    def __init__(self, path: Path) -> None:
+    It has ``size_bytes``, as its header says, also where the file has grown meanwhile. Raises `DamagedError` when the
+    file has become shorter.
+    """
+
+    def __init__(self, path: Path, size_bytes: int) -> None:
         self._path = path
+        self._size_bytes = size_bytes
 
     def __iter__(self) -> Iterator[bytes]:
         with self._path.open("rb") as file:
-            while data := file.read(_CHUNK_BYTES):
-                yield data
+            for wanted in self._lengths():
+                yield self._whole(file.read(wanted), wanted)
 
     async def __aiter__(self) -> AsyncIterator[bytes]:
         with self._path.open("rb") as file:
-            while data := await asyncio.to_thread(file.read, _CHUNK_BYTES):
-                yield data
+            for wanted in self._lengths():
+                yield self._whole(await asyncio.to_thread(file.read, wanted), wanted)
+
+    def _lengths(self) -> Iterator[int]:
+        return (min(_CHUNK_BYTES, self._size_bytes - at) for at in range(0, self._size_bytes, _CHUNK_BYTES))
+
+    def _whole(self, data: bytes, wanted: int) -> bytes:
+        if len(data) < wanted:
+            raise DamagedError(f"{self._path} has become shorter while it was sent")
+        return data
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,5 +320,5 @@ def _retry_after_s(response: httpx.Response) -> float | None:
         return float(text)
     try:
         return max(0.0, (parsedate_to_datetime(text) - datetime.now(UTC)).total_seconds())
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         return None

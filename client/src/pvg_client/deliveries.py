@@ -7,19 +7,21 @@ from typing import Literal
 
 from pvg_client.calls import Api, Flow, Params, asked, once
 from pvg_client.models import Job, Webhook, WebhookSecret, id_of
-from pvg_client.pages import Listing
+from pvg_client.pages import Listing, each
 from pvg_client.paths import path_to
+
+State = Literal["waiting", "pending", "delivered", "failed"]
 
 
 def webhooks(
     api: Api,
     *,
     job: Job | str | None = None,
-    state: Sequence[Literal["waiting", "pending", "delivered", "failed"]] = (),
+    state: Sequence[State] | State = (),
 ) -> Listing[Webhook]:
     """Webhooks, newest first: all, those of a job, or those in any of some states."""
     params: Params = [("job", id_of(job))] if job is not None else []
-    return Listing("/webhooks", params + [("state", one) for one in state], Webhook.of)
+    return Listing("/webhooks", params + [("state", one) for one in each(state)], Webhook.of)
 
 
 def webhook(api: Api, webhook_id: Webhook | str) -> Flow[Webhook]:

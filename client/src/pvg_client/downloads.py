@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from dataclasses import dataclass
@@ -45,9 +46,12 @@ def download(api: Api, file: Result | Extra | JobLook | Medium | str, path: str 
     gets a number, as ``look (2).mp4``; a file of that name, or that with a number, which has its bytes already is it.
 
     Raises `ApiError` (410 after its retention), `DamagedError` when its bytes are wrong twice, `UnreachableError`,
-    `ValueError` for a look that has no result, `TypeError` for what is no file, such as a link, which is for others.
+    `ValueError` for a look that has no result, `TypeError` for what is no file, such as a link, which is for others,
+    `FileNotFoundError` for a folder that is not there, which a slash at the end of ``path`` tells from a file.
     """
     target = Path(path)
+    if os.fspath(path).endswith(("/", os.sep)) and not target.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "there is no such folder", os.fspath(path))
     remote = yield from _located(api, file, named=target.is_dir())
     if remote.name is not None:
         target /= remote.name

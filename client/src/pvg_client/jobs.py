@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 from pvg_client.calls import Api, Flow, Params, Pause, asked, once
 from pvg_client.errors import JobFailed
 from pvg_client.models import Job, Look, Medium, id_of
-from pvg_client.pages import Listing
+from pvg_client.pages import Listing, each
 from pvg_client.paths import path_to
 from pvg_client.progress import Bar
 
@@ -21,6 +21,7 @@ _SHORT_POLL_S: Final = 1.0
 _LEAST_BETWEEN_S: Final = 0.5
 
 Output = Mapping[str, Any]
+Kind = Literal["vectorize", "transfer", "swap"]
 
 
 def transfer(
@@ -95,18 +96,18 @@ def job(api: Api, job_id: Job | str) -> Flow[Job]:
 def jobs(
     api: Api,
     *,
-    ids: Sequence[str] | None = None,
+    ids: Sequence[str] | str | None = None,
     video: Medium | str | None = None,
     reference: Medium | str | None = None,
-    state: Sequence[str] = (),
-    kind: Sequence[Literal["vectorize", "transfer", "swap"]] = (),
+    state: Sequence[str] | str = (),
+    kind: Sequence[Kind] | Kind = (),
     metadata: Mapping[str, str] | None = None,
 ) -> Listing[Job]:
-    """Jobs, newest first: all, or those that every given filter chooses."""
-    params: Params = [("id", ",".join(ids))] if ids is not None else []
+    """Jobs, newest first: all, or those that every given filter chooses. One value of a filter needs no list."""
+    params: Params = [("id", ",".join(each(ids)))] if ids is not None else []
     params += [("video", id_of(video))] if video is not None else []
     params += [("reference", id_of(reference))] if reference is not None else []
-    params += [("state", one) for one in state] + [("kind", one) for one in kind]
+    params += [("state", one) for one in each(state)] + [("kind", one) for one in each(kind)]
     params += [("metadata", f"{name}:{value}") for name, value in (metadata or {}).items()]
     return Listing("/jobs", params, Job.of)
 

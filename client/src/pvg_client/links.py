@@ -64,7 +64,8 @@ def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) 
     Where the service has keys, `media` of the answer is None: who made the link sees it, by `upload_state`.
 
     The same file may be sent again. Raises `ApiError` (403 and 410 when the link may not be used, or not any more; 409
-    when it was used with another file; 413; 415), `UnreachableError`, `OSError` when the file cannot be read.
+    when it was used with another file; 413; 415), `UnreachableError`, `DamagedError` when the file becomes shorter
+    meanwhile, `OSError` when it cannot be read.
     """
     path, url = Path(file), _address(api, link)
     sha256 = yield from worked(lambda: sha256_of(path))
@@ -72,7 +73,8 @@ def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) 
     headers = about_file(path, size_bytes, sha256)
     patience = Patience(api)
     while True:
-        request = api.request("PUT", url, headers=headers, stream=FilePart(path), least_timeout_s=_LONGEST_RECORD_S)
+        stream = FilePart(path, size_bytes)
+        request = api.request("PUT", url, headers=headers, stream=stream, least_timeout_s=_LONGEST_RECORD_S)
         try:
             return body_of((yield from attempt(request)), Upload.of)
         except (UnreachableError, ApiError) as error:

@@ -10,7 +10,7 @@ import httpx
 from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt, understood
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Job, Medium, Result, Upload, id_of, role_of
-from pvg_client.pages import Listing
+from pvg_client.pages import Listing, each
 from pvg_client.paths import path_to
 
 #: what is deleted without more, by how its ids begin
@@ -23,18 +23,20 @@ def medium(api: Api, medium_id: Medium | str) -> Flow[Medium]:
     return (yield from asked(api, Medium.of, "GET", path_of(id_of(medium_id))))
 
 
-def videos(api: Api, *, state: Sequence[str] = (), metadata: Mapping[str, str] | None = None) -> Listing[Medium]:
+def videos(api: Api, *, state: Sequence[str] | str = (), metadata: Mapping[str, str] | None = None) -> Listing[Medium]:
     """Videos, newest first: all, or those that every given filter chooses."""
     return Listing("/videos", _filter(state, metadata), Medium.of)
 
 
-def references(api: Api, *, state: Sequence[str] = (), metadata: Mapping[str, str] | None = None) -> Listing[Medium]:
+def references(
+    api: Api, *, state: Sequence[str] | str = (), metadata: Mapping[str, str] | None = None
+) -> Listing[Medium]:
     """References, newest first: all, or those that every given filter chooses."""
     return Listing("/references", _filter(state, metadata), Medium.of)
 
 
-def _filter(state: Sequence[str], metadata: Mapping[str, str] | None) -> Params:
-    params: Params = [("state", one) for one in state]
+def _filter(state: Sequence[str] | str, metadata: Mapping[str, str] | None) -> Params:
+    params: Params = [("state", one) for one in each(state)]
     return [*params, *(("metadata", f"{name}:{value}") for name, value in (metadata or {}).items())]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -10,6 +10,11 @@ from pvg_client.calls import Api, Flow, Params, asked
 from pvg_client.models import Body
 
 T = TypeVar("T")
+
+
+def each(values: Sequence[str] | str) -> Sequence[str]:
+    """Values to filter by; one needs no list: as a sequence a text would be its letters."""
+    return [values] if isinstance(values, str) else values
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,5 +16,6 @@ def path_to(*segments: str) -> str:
     """
     for segment in segments:
         if not _SEGMENT.fullmatch(segment):
-            raise ValueError(f"{segment!r} is no id: it looks like vid_0192f0c1a2b3")
+            # of an address the query is not told: it may have a signature
+            raise ValueError(f"{segment.partition('?')[0]!r} is no id: it looks like vid_0192f0c1a2b3")
     return "/" + "/".join(segments)

@@ -56,9 +56,10 @@ def upload(
 
     Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file
     cannot be read, `ValueError` when it is given neither a file nor a URL, or both, for another role, or for a file
-    that is not of the size of the upload that is to go on. A file that changes while it is sent is an `ApiError` or
-    an `UnreachableError`, in pieces a `DamagedError`: it names the medium that the service has made of them, and
-    calling this again sends the file as it is then, if with another ``idempotency_key``.
+    that is not of the size of the upload that is to go on. A file that changes while it is sent is an `ApiError`, one
+    that becomes shorter a `DamagedError`; what is written behind its end meanwhile is not sent. In pieces both are a
+    `DamagedError`: where the service has made a medium of them it names that, and calling this again sends the file as
+    it is then, if with another ``idempotency_key``.
     """
     settings = {"mask": mask, "matching": matching, "input_color": input_color}
     said = {name: value for name, value in settings.items() if value is not None}
@@ -94,8 +95,9 @@ def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, 
         *(("metadata", f"{name}:{value}") for name, value in given.metadata.items()),
         *([] if given.webhook is None else [("webhook", given.webhook)]),
     ]
-    headers = about_file(path, size_bytes, sha256)
-    request = api.request("POST", f"/{given.role}s", params=params, headers=headers | once(key), stream=FilePart(path))
+    headers = about_file(path, size_bytes, sha256) | once(key)
+    stream = FilePart(path, size_bytes)
+    request = api.request("POST", f"/{given.role}s", params=params, headers=headers, stream=stream)
     response = yield from answered(api, request)
     return body_of(response, Medium.of)
 
