@@ -33,6 +33,53 @@ def test_what_is_done_to_a_look_is_seen_while_another_is_compared(desk: Desk, ti
     page.get_by_role("radio", name="Look", exact=True).wait_for(state="attached")
 
 
+def test_a_job_that_failed_names_the_portrait_that_is_at_fault(desk: Desk) -> None:
+    bad = desk.api.client.post(
+        "/references", content=PNG + b"bad", headers={"Content-Disposition": 'attachment; filename="bad.png"'}
+    ).json()
+    looks = [{"reference": desk.portrait("good.png")}, {"reference": bad["id"]}]
+    desk.api.client.post("/transfer", json={"video": desk.video["id"], "looks": looks}).raise_for_status()
+    desk.api.client.post(f"/jobs/{bad['job']}/cancel").raise_for_status()
+    page = desk.edit()
+    told = page.locator(".job .problem")
+    told.wait_for()
+    assert ": bad.png: " in told.inner_text()
+    assert "good.png" not in told.inner_text()
+
+
+@pytest.mark.parametrize("size", [(1024, 768), (1440, 900), (390, 844)])
+def test_of_many_looks_the_picture_and_its_player_stay_in_sight(
+    desk: Desk, tiny_clip: Path, size: tuple[int, int]
+) -> None:
+    names = [f"{number} of a person whose name is as long as people make names of files.png" for number in range(16)]
+    looks = [{"reference": desk.portrait(name)} for name in names]
+    job = desk.api.client.post("/transfer", json={"video": desk.video["id"], "looks": looks}).json()["id"]
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()] * len(looks))
+    desk.guarded.page.set_viewport_size({"width": size[0], "height": size[1]})
+    page = desk.edit()
+    page.get_by_role("button", name=f"Compare {names[12]} before and after").click()
+    chosen = page.get_by_role("group", name="Finished looks").get_by_role("radio", name=names[12])
+    for one in (chosen, page.locator(".frame"), page.get_by_role("button", name="Play", exact=True)):
+        one.wait_for(state="attached")
+        shown = one.evaluate("""(one) => new Promise((tell) => {
+            new IntersectionObserver(([seen]) => tell(seen.intersectionRatio)).observe(one);
+        })""")
+        assert shown > 0.98
+
+
+def test_looks_of_portraits_that_are_not_listed_are_told_apart(desk: Desk, tiny_clip: Path) -> None:
+    job = {"video": desk.video["id"], "looks": [{"reference": desk.portrait(f"{n}.png")} for n in range(2)]}
+    made = desk.api.client.post("/transfer", json=job).json()["id"]
+    make_results(desk.api.services, made, [tiny_clip.read_bytes()] * 2)
+    for number in range(24):  # as many as are listed at first
+        desk.portrait(f"newer {number}.png")
+    page = desk.edit()
+    page.get_by_role("button", name=re.compile("^Compare")).first.click()
+    chips = page.get_by_role("group", name="Finished looks").locator(".chip")
+    chips.first.wait_for()
+    assert chips.all_inner_texts() == ["Look 1", "Look 2"]
+
+
 def test_the_panel_is_seen_whole_while_nothing_is_rendered(desk: Desk) -> None:
     for name in ("one.png", "two.png"):
         desk.portrait(name)

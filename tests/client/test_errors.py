@@ -36,6 +36,13 @@ def test_errors_are_the_same_elsewhere(way: Callable[[Any], Any]) -> None:
     assert (other.job, other.problem) == (failed.job, failed.problem)
 
 
+def test_a_job_that_failed_says_which_of_its_media_is_at_fault() -> None:
+    told = [{"pointer": f"/looks/{number}/reference", "detail": "no face"} for number in (3, 5)]
+    error = {"code": "no-face", "title": "No face was found", "detail": "no face", "errors": told}
+    words = str(JobFailed(Job.of(JOB | {"state": "failed", "error": error})))
+    assert words == "transfer job_1 failed: No face was found. no face (/looks/3/reference, /looks/5/reference)"
+
+
 @pytest.mark.parametrize("kind", [Client, AsyncClient])
 @pytest.mark.parametrize("key", ["pvg_a\npvg_b", "pvg_a b", "pvg_ä", "pvg_\x00a", "", " \n"])
 def test_a_key_that_no_header_carries_is_refused_and_not_told(kind: type[Client | AsyncClient], key: str) -> None:

@@ -69,7 +69,10 @@ class JobFailed(PvgClientError):  # noqa: N818 - it is told of a job, as `state`
 
     def __init__(self, job: Job) -> None:
         problem = job.error or Problem(job.state, f"The job is {job.state}")
-        super().__init__(f"{job.kind} {job.id} {job.state}: {problem.title}. {problem.detail}".rstrip(". "))
+        told = f"{job.kind} {job.id} {job.state}: {problem.title}. {problem.detail}".rstrip(". ")
+        # of many media the one that is at fault
+        places = ", ".join(one.pointer for one in problem.errors if one.pointer)
+        super().__init__(f"{told} ({places})" if places else told)
         self.job = job
         self.problem = problem
 

@@ -47,11 +47,14 @@ export class Comparing {
     // of a file that is not kept there is nothing to show
     const kept = [...job.looks.entries()].filter(([, look]) => look.content_type);
     if (kept.length < 2) return;
-    const name = (look) => state.references.find((one) => one.medium?.id === look.reference)?.name ?? "Look";
-    const group = choice("Finished looks", kept.map(([index, look]) => [String(index), name(look)]), (index) => compare(job, job.looks[Number(index)]));
+    const name = (look, index) => state.references.find((one) => one.medium?.id === look.reference)?.name ?? `Look ${index + 1}`;
+    const group = choice("Finished looks", kept.map(([index, look]) => [String(index), name(look, index)]), (index) => compare(job, job.looks[Number(index)]));
     group.value = String(job.looks.indexOf(this.look));
     choices.replaceChildren(group);
     choices.hidden = false;
+    // of many looks not all are in sight: the one that is shown is
+    const [row, all] = [group.querySelector(".chip:has(:checked)"), group].map((one) => one.getBoundingClientRect());
+    group.scrollTop = row.top - all.top - (all.height - row.height) / 2;
   }
 
   #makePlayer(bar) {

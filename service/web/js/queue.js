@@ -33,6 +33,16 @@ function nameOf(id) {
   return state.deleted.has(id) ? "a deleted portrait" : "a portrait that is not listed here";
 }
 
+/** Why a job failed; a portrait that is at fault is named, of which there may be many. */
+function problemOf(job) {
+  const { title, detail, errors = [] } = job.error;
+  const told = errors.flatMap(({ pointer, detail: what }) => {
+    const look = job.looks[/^\/looks\/(\d+)\//.exec(pointer)?.[1]];
+    return look ? [`${nameOf(look.reference)}: ${what}`] : [];
+  });
+  return [title, told.join("; ") || detail].filter(Boolean).join(": ");
+}
+
 function resultRow(look, show) {
   // of a file that has expired, or was deleted with its media, the job knows nothing any more, not even which it was
   const gone = !look.content_type || new Date(look.expires_at) < new Date();
@@ -79,7 +89,7 @@ function card(first) {
     repeat.hidden = job.kind !== "transfer" || !["failed", "canceled", "expired"].includes(job.state);
     every.hidden = !done || job.looks.filter((look) => look.content_type).length < 2;
     problem.hidden = !job.error || job.state !== "failed";
-    say(problem, job.error ? [job.error.title, job.error.detail].filter(Boolean).join(": ") : "");
+    say(problem, job.error ? problemOf(job) : "");
     if (done) {
       // looks that are not kept have no id
       const key = (look) => `${job.looks.indexOf(look)} ${look.result} ${look.content_type} ${nameOf(look.reference)}`;
