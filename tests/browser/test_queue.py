@@ -67,6 +67,27 @@ def test_of_many_looks_the_picture_and_its_player_stay_in_sight(
         assert shown > 0.98
 
 
+def test_finished_looks_are_gone_through_by_arrow_keys(desk: Desk, tiny_clip: Path) -> None:
+    names = ["one.png", "two.png", "three.png"]
+    job = {"video": desk.video["id"], "looks": [{"reference": desk.portrait(name)} for name in names]}
+    made = desk.api.client.post("/transfer", json=job).json()["id"]
+    make_results(desk.api.services, made, [tiny_clip.read_bytes()] * 3)
+    page = desk.edit()
+    page.get_by_role("button", name="Compare one.png before and after").click()
+    looks = page.get_by_role("group", name="Finished looks")
+    focused = "(name) => document.activeElement.closest('.choices .chip')?.title === name"
+    looks.wait_for()
+    page.keyboard.press("Tab")  # whoever uses keys: the focus is shown
+    looks.get_by_role("radio", name="one.png").focus()
+    for name in names[1:]:
+        page.keyboard.press("ArrowRight")
+        page.wait_for_function(focused, arg=name)
+        assert looks.get_by_role("radio", name=name).is_checked()
+    # a hand that has clicked on one plays by Space, as before
+    looks.get_by_role("radio", name="one.png").click()
+    page.wait_for_function("() => document.activeElement.id === 'stage'")
+
+
 def test_looks_of_portraits_that_are_not_listed_are_told_apart(desk: Desk, tiny_clip: Path) -> None:
     job = {"video": desk.video["id"], "looks": [{"reference": desk.portrait(f"{n}.png")} for n in range(2)]}
     made = desk.api.client.post("/transfer", json=job).json()["id"]

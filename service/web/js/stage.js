@@ -93,10 +93,14 @@ function head() {
 
 /** Show a finished look beside its clip, which comes to the stage first. */
 export async function compare(job, look) {
+  // who goes through the looks by arrow keys stays among them
+  const byKeys = choices.querySelector(":focus-visible");
   if (!(await openClipOf(look))) return;
   state.compared = { job, look };
   changed();
-  document.getElementById("stage").focus({ preventScroll: true });
+  await null; // it is shown by then
+  const focused = (byKeys && choices.querySelector(":checked")) ?? document.getElementById("stage");
+  focused.focus({ preventScroll: true });
   window.scrollTo({ top: 0 });
 }
 
