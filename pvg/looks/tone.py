@@ -61,7 +61,9 @@ def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
     smooth = _box(_box(table))
     # the corner at the median is rounded as well: the curve is led back through it, its ends stay
     led = np.minimum(levels / s_middle, (255.0 - levels) / (255.0 - s_middle))
-    return smooth + (t_middle - float(np.interp(s_middle, levels, smooth))) * led
+    back = smooth + (t_middle - float(np.interp(s_middle, levels, smooth))) * led
+    # led by much it would pass its end and fall again
+    return np.asarray(np.minimum(np.maximum.accumulate(back), back[-1]))
 
 
 def steeper(tone: Doubles, middle: float, crisp: float) -> Doubles:

@@ -35,6 +35,14 @@ def test_the_tone_curve_keeps_order(one: int, two: int) -> None:
     assert (np.diff(curve) > 0).all()
 
 
+def test_the_tone_curve_keeps_order_where_skin_that_is_nearly_black_gets_nearly_white() -> None:
+    """It rose to 368 and fell again, by 0.6 levels a level."""
+    source, target = np.geomspace(0.1, 100, 200), np.linspace(160, 250, 200)
+    curve = tone_curve(source, target)
+    assert np.diff(curve).min() >= 0
+    assert curve.max() <= 255 + 1e-9
+
+
 @given(seeds, seeds)
 def test_a_curve_is_made_steeper_below_the_skins_middle_alone(one: int, two: int) -> None:
     source, target = (to_opponent(skin_like(seed))[:, 0] for seed in (one, two))
