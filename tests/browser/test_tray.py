@@ -113,15 +113,30 @@ def test_every_portrait_is_reached_and_has_its_name_in_the_queue(desk: Desk) -> 
     cards = page.locator(".card:not(.adder)")
     assert cards.count() == 24
     title = page.locator(".job h3")
-    assert title.inner_text() == "1 look: a portrait that is not listed here"
+    title.get_by_text("1 look: old.png").wait_for()
     assert page.get_by_role("checkbox", name="Render 0.png").is_disabled()
     page.locator("#tray").get_by_role("button", name="Show more").click()
-    title.get_by_text("1 look: old.png").wait_for()
+    page.get_by_role("checkbox", name="Render old.png").wait_for()
     assert cards.count() == 25
     assert page.locator("#tray").get_by_role("button", name="Show more").count() == 0
     page.get_by_role("button", name="Delete 0.png").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
     desk.guarded.until("() => document.querySelectorAll('.card:not(.adder)').length === 24")
+
+
+def test_a_portrait_that_is_gone_is_said_to_be_without_a_request_that_fails(desk: Desk) -> None:
+    """And it is asked for once, not with everything that changes on the page."""
+    reference = desk.portrait("gone.png")
+    desk.asked(reference)
+    page = desk.guarded.page
+    asked: list[str] = []
+    page.on("request", lambda one: asked.append(one.url) if "/references" in one.url else None)
+    desk.api.client.delete(f"/references/{reference}?cancel_jobs=true").raise_for_status()
+    desk.edit()
+    page.locator(".job h3").get_by_text("1 look: a portrait that is no longer here").wait_for()
+    page.evaluate("() => window.dispatchEvent(new Event('focus'))")
+    page.wait_for_timeout(500)
+    assert len([url for url in asked if "limit=200" in url]) == 1
 
 
 def test_portraits_of_another_page_are_seen_when_the_page_is_looked_at_again(desk: Desk) -> None:

@@ -8,6 +8,7 @@ import { frame as frameOf, widthOf } from "./frames.js";
 import { isAbort, silence } from "./api.js";
 import { Latest } from "./latest.js";
 import { Note } from "./note.js";
+import { knownName } from "./names.js";
 import { lookAgain } from "./references.js";
 import { isShown, Player } from "./player.js";
 import { state } from "./store.js";
@@ -47,8 +48,7 @@ export class Comparing {
     // of a file that is not kept there is nothing to show
     const kept = [...job.looks.entries()].filter(([, look]) => look.content_type);
     if (kept.length < 2) return;
-    const name = (look, index) => state.references.find((one) => one.medium?.id === look.reference)?.name ?? `Look ${index + 1}`;
-    const group = choice("Finished looks", kept.map(([index, look]) => [String(index), name(look, index)]), (index) => compare(job, job.looks[Number(index)]));
+    const group = choice("Finished looks", kept.map(([index, look]) => [String(index), knownName(look.reference) ?? `Look ${index + 1}`]), (index) => compare(job, job.looks[Number(index)]));
     group.value = String(job.looks.indexOf(this.look));
     choices.replaceChildren(group);
     choices.hidden = false;

@@ -3,6 +3,7 @@
 import { again, cancel, download, downloadAll, moreJobs } from "./transfers.js";
 import { bytes, count, duration, moment, percent } from "./format.js";
 import { el, icon, iconButton, keyed, say } from "./dom.js";
+import { nameOf } from "./names.js";
 import { onChange, state } from "./store.js";
 import { compare } from "./stage.js";
 
@@ -24,13 +25,6 @@ function standing(job) {
   }
   const at = job.finished_at ? ` ${moment(job.finished_at)}` : "";
   return { canceling: "Stopping…", canceled: "Canceled", succeeded: "Finished", failed: "Failed", expired: "Expired" }[job.state] + at;
-}
-
-function nameOf(id) {
-  const known = [...state.references, ...state.clips.map((medium) => ({ medium, name: medium.filename ?? medium.id }))];
-  const found = known.find((one) => one.medium?.id === id);
-  if (found) return found.name;
-  return state.deleted.has(id) ? "a deleted portrait" : "a portrait that is not listed here";
 }
 
 /** Why a job failed; a portrait that is at fault is named, of which there may be many. */
