@@ -138,8 +138,9 @@ def test_of_a_form_the_order_of_its_references_alone_matters(api: Api) -> None:
     assert (renamed.status_code, renamed.json()["code"]) == (422, "idempotency-key-reused")
 
 
-def test_a_key_is_in_use_while_its_first_request_still_arrives(api: Api) -> None:
-    go_on = threading.Event()
+def test_a_key_is_in_use_while_its_first_request_still_arrives(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on, begun_at = threading.Event(), api.services.database.now()
+    monkeypatch.setattr(api.services.database, "now", lambda: begun_at)  # it is heard of now, however slow all is
 
     def slowly() -> Iterator[bytes]:
         yield MP4
@@ -204,7 +205,9 @@ def test_a_claim_may_be_made_again_by_the_same_request(either: Api) -> None:
         begin(other)
 
 
-def test_who_asks_as_told_while_the_key_of_a_killed_process_is_locked_asks_a_few_times(api: Api) -> None:
+def test_who_asks_as_told_while_the_key_of_a_killed_process_is_locked_asks_a_few_times(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
     database, killed_at = api.services.database, api.services.database.now()
     with database.write() as session:
         idempotency.begin(session, Claim("", "lost", "0" * 32), now=killed_at, lock_s=30, ttl_s=100)
@@ -215,10 +218,11 @@ def test_who_asks_as_told_while_the_key_of_a_killed_process_is_locked_asks_a_few
         asked.append(max(1, math.ceil(in_use.value.ask_in_s)))
         asked_at += timedelta(seconds=asked[-1])
     assert asked == [1, 2, 4, 8, 15]
-    body = wanted(api)
+    body, now = wanted(api), database.now()
     with database.write() as session:
         (row,) = session.scalars(select(IdempotentRequest))
-        row.locked_until = database.now() + timedelta(seconds=10.9)
+        row.locked_until = now + timedelta(seconds=10.9)
+    monkeypatch.setattr(database, "now", lambda: now)
     refused = post(api, "/transfer", "lost", json=body)
     assert (refused.status_code, refused.headers["retry-after"]) == (409, "11")
 
