@@ -7,6 +7,7 @@ import socket
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -16,6 +17,7 @@ from typing import Any
 import httpx
 import pytest
 import structlog
+import uvicorn
 from fastapi import FastAPI
 from sqlalchemy import NullPool, create_engine, text
 from sqlalchemy.engine import make_url
@@ -225,17 +227,22 @@ def _serve(settings: Settings) -> Iterator[Api]:
     make_tables(settings.database)
     app = create_app(settings)
     reaped = _first_round(app.state.services.reaper)
-    server = make_server(app, settings, drain_s=2)
+    with running(make_server(app, settings, drain_s=2)) as address:
+        until(reaped.is_set)
+        hooks = {"response": [Declared(app)]}
+        with httpx.Client(base_url=f"http://127.0.0.1:{address[1]}", timeout=90, event_hooks=hooks) as client:
+            yield Api(client, app.state.services, address, app)
+
+
+@contextmanager
+def running(server: uvicorn.Server) -> Iterator[tuple[str, int]]:
+    """Run a server in a thread, at the address that is given, and stop it."""
     with listen("127.0.0.1", 0)[0] as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:
             until(lambda: server.started)
-            until(reaped.is_set)
-            address = listener.getsockname()
-            hooks = {"response": [Declared(app)]}
-            with httpx.Client(base_url=f"http://127.0.0.1:{address[1]}", timeout=90, event_hooks=hooks) as client:
-                yield Api(client, app.state.services, address, app)
+            yield listener.getsockname()
         finally:
             server.should_exit = True
             thread.join(60)

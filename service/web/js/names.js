@@ -17,8 +17,10 @@ let looking = false;
 
 /** The file's name of a medium that colours are taken from; undefined until it is found. */
 export function knownName(id) {
-  const listed = state.references.find((one) => one.medium?.id === id)?.name ?? state.clips.find((one) => one.id === id)?.filename;
-  if (listed) return listed;
+  const portrait = state.references.find((one) => one.medium?.id === id);
+  if (portrait) return portrait.name;
+  const clip = state.clips.find((one) => one.id === id);
+  if (clip) return clip.filename ?? id;
   if (state.deleted.has(id)) return "a deleted portrait";
   if (!names.has(id)) {
     wanted.add(id);

@@ -4,11 +4,11 @@ import asyncio
 import json
 import resource
 import socket
-import threading
 from collections.abc import Callable, Iterator
 
 import httpx
 import pytest
+import uvicorn
 from starlette.types import Message, Receive, Scope, Send
 
 from service.api import create_app
@@ -17,7 +17,7 @@ from service.api.server import connection_limit, listen, make_server, with_room
 from service.catalog import Database, resumable
 from service.settings import Settings
 from tests.promises import Drill
-from tests.service.fixtures import MP4, Api, make_tables
+from tests.service.fixtures import MP4, Api, make_tables, running
 from tests.waiting import until
 
 
@@ -63,28 +63,27 @@ def test_an_application_is_made_for_the_connections_that_there_is_room_for(descr
     assert with_room(Settings(max_connections=10**6)).max_connections == connection_limit(10**6) < 10**6
 
 
+def answer_of_a_stop(server: uvicorn.Server, address: tuple[str, int], settings: Settings, sent: bytes) -> bytes:
+    """What the beginning of a request is answered with when the server is told to stop once it has come."""
+    with socket.create_connection(address, timeout=60) as connection:
+        connection.sendall(sent)
+        until(lambda: list(settings.spool_folder.iterdir()))
+        server.should_exit = True
+        answer = b""
+        while data := connection.recv(65536):
+            answer += data
+    return answer
+
+
 def test_an_upload_that_is_not_whole_when_the_service_has_to_stop_is_told_so(
     settings: Settings, promise: Callable[..., Drill]
 ) -> None:
     drill = promise("R8", wanted="an upload that takes longer: 503 with Retry-After and the request's id")
     make_tables(settings.database)
     server = make_server(create_app(settings), settings, drain_s=1)
-    with listen("127.0.0.1", 0)[0] as listener:
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        try:
-            until(lambda: server.started)
-            with socket.create_connection(listener.getsockname(), timeout=60) as connection:
-                head = "POST /v1/videos HTTP/1.1\r\nHost: localhost\r\nX-Request-ID: mine\r\nContent-Length: 3000000"
-                connection.sendall(f"{head}\r\n\r\n".encode() + MP4)
-                until(lambda: list(settings.spool_folder.iterdir()))
-                server.should_exit = True
-                answer = b""
-                while data := connection.recv(65536):
-                    answer += data
-        finally:
-            server.should_exit = True
-            thread.join(60)
+    with running(server) as address:
+        head = "POST /v1/videos HTTP/1.1\r\nHost: localhost\r\nX-Request-ID: mine\r\nContent-Length: 3000000"
+        answer = answer_of_a_stop(server, address, settings, f"{head}\r\n\r\n".encode() + MP4)
     first, *lines = answer.partition(b"\r\n\r\n")[0].decode().lower().splitlines()
     drill.measured = first.partition(" ")[2]
     assert first == "http/1.1 503 service unavailable"
@@ -102,26 +101,12 @@ def test_what_has_come_of_a_piece_is_kept_when_the_service_has_to_stop(settings:
     server = make_server(app, app.state.services.settings, drain_s=6)
     size, sent = 3_000_000, MP4 + bytes(1_000_000)
     tus = {"Tus-Resumable": "1.0.0", "Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"}
-    with listen("127.0.0.1", 0)[0] as listener, httpx.Client() as client:
-        host, port = listener.getsockname()
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        try:
-            until(lambda: server.started)
-            begun = client.post(f"http://{host}:{port}/v1/uploads", headers={**tus, "Upload-Length": str(size)})
-            upload_id = begun.json()["id"]
-            with socket.create_connection((host, port), timeout=60) as connection:
-                head = f"PATCH /v1/uploads/{upload_id} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {size}\r\n{more}"
-                head += "".join(f"{name}: {value}\r\n" for name, value in tus.items())
-                connection.sendall(f"{head}\r\n".encode() + sent)
-                until(lambda: list(settings.spool_folder.iterdir()))
-                server.should_exit = True
-                answer = b""
-                while data := connection.recv(65536):
-                    answer += data
-        finally:
-            server.should_exit = True
-            thread.join(60)
+    with running(server) as (host, port), httpx.Client() as client:
+        begun = client.post(f"http://{host}:{port}/v1/uploads", headers={**tus, "Upload-Length": str(size)})
+        upload_id = begun.json()["id"]
+        head = f"PATCH /v1/uploads/{upload_id} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {size}\r\n{more}"
+        head += "".join(f"{name}: {value}\r\n" for name, value in tus.items())
+        answer = answer_of_a_stop(server, (host, port), settings, f"{head}\r\n".encode() + sent)
     first, *lines = answer.removeprefix(b"HTTP/1.1 100 Continue\r\n\r\n").lower().split(b"\r\n")
     assert first == b"http/1.1 503 service unavailable"
     assert {b"retry-after: 5", b"connection: close", b"tus-resumable: 1.0.0"} <= set(lines)
