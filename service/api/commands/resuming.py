@@ -174,6 +174,8 @@ async def append(
     if upload.size_bytes is None or offset != upload.offset_bytes:
         raise ConflictError(f"the next byte is {upload.offset_bytes}, not {offset}")
     left = upload.size_bytes - offset
+    if left:
+        await services.calls.write(keep, services, upload.id)
     async with (
         services.arriving.place(upload.owner, free=upload.id) as share,  # its size was counted when it was announced
         Intake(services.storage.spool, services.room, request, limit_bytes=left, share=share) as intake,
@@ -322,7 +324,7 @@ def find_in(session: Session, services: Services, upload_id: str, owner: str | N
 
 
 def keep(services: Services, upload_id: str) -> None:
-    """Have an upload outlive its link while the file arrives."""
+    """Have an upload outlive its time, and that of its link, while bytes of the file arrive."""
     with services.database.write() as session:
         resumable.keep(session, upload_id, now=services.database.now(), ttl_s=services.settings.upload_ttl_s)
 

@@ -26,7 +26,7 @@ from service.api.schemas import UploadBody, UploadLinkBody, UploadLinkRequest, U
 from service.api.services import Services
 from service.api.uploads import Intake
 from service.catalog import ResumableUpload, Role, keys, media, resumable
-from service.errors import BadRequestError, ConflictError, UnsupportedMediaError
+from service.errors import BadRequestError, ConflictError, GoneError, UnsupportedMediaError
 
 router = APIRouter(prefix="/uploads", tags=["uploads"])
 #: what a link opens as well as a key does
@@ -189,7 +189,12 @@ async def _opened(request: Request, upload_id: UploadId, services: ServicesDep, 
 
 def _open(services: Services, upload_id: str, access: Access) -> ResumableUpload:
     with services.database.read() as session:
-        access.to(services, session, "upload", upload_id)
+        try:
+            access.to(services, session, "upload", upload_id)
+        except GoneError:
+            upload = resumable.get(session, upload_id, now=services.database.now())
+            if upload is None or not upload.offset_bytes:  # a file that is on its way may come whole
+                raise
         found = resuming.find_in(session, services, upload_id, access.owner)
         access.check_owner(session, found.owner)
     return found

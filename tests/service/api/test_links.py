@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta
+from email.utils import parsedate_to_datetime
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
@@ -452,23 +453,58 @@ def test_a_link_for_an_upload_expires(api: Api, stranger: httpx.Client) -> None:
     assert stranger.put(f"/uploads/{made['id']}", params=old, content=MP4).status_code == 410
 
 
+def slowly(api: Api, monkeypatch: pytest.MonkeyPatch) -> Iterator[bytes]:
+    """A file whose link expires while it arrives."""
+    yield MP4
+    until(lambda: api.drafts != [])
+    late = utc_now() + timedelta(seconds=3700)
+    for database in (api.services.database, api.services.background):
+        monkeypatch.setattr(database, "now", lambda: late)
+    api.services.reaper.expire()
+    yield b"the rest"
+
+
 def test_a_file_that_is_on_its_way_when_its_link_expires_is_taken(
     api: Api, stranger: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     url = upload_link(api, expires_in_s=3600)
-
-    def slowly() -> Iterator[bytes]:
-        yield MP4
-        until(lambda: api.drafts != [])
-        late = utc_now() + timedelta(seconds=3700)
-        for database in (api.services.database, api.services.background):
-            monkeypatch.setattr(database, "now", lambda: late)
-        api.services.reaper.expire()
-        yield b"the rest"
-
-    sent = stranger.put(url, content=slowly())
+    sent = stranger.put(url, content=slowly(api, monkeypatch))
     assert sent.status_code == 200, sent.text
     assert api.client.get(f"/videos/{medium_of(api, url)}").json()["size_bytes"] == len(MP4) + 8
+
+
+def test_a_piece_that_is_on_its_way_when_its_link_expires_is_taken(
+    api: Api, stranger: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = upload_link(api, expires_in_s=3600)
+    tus = {"Tus-Resumable": "1.0.0"}
+    assert stranger.post(url, headers=tus | {"Upload-Length": str(len(MP4) + 8)}).status_code == 201
+    piece = tus | {"Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"}
+    sent = stranger.patch(url, content=slowly(api, monkeypatch), headers=piece)
+    assert sent.status_code == 204, sent.text
+    assert api.client.get(f"/videos/{medium_of(api, url)}").json()["size_bytes"] == len(MP4) + 8
+
+
+def test_a_file_in_pieces_that_is_on_its_way_when_its_link_expires_may_come_whole(
+    api: Api, stranger: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, only_announced = (upload_link(api, expires_in_s=3600) for _ in range(2))
+    tus = {"Tus-Resumable": "1.0.0"}
+    for url in (begun, only_announced):
+        assert stranger.post(url, headers=tus | {"Upload-Length": str(len(MP4) + 8)}).status_code == 201
+    piece = tus | {"Content-Type": "application/offset+octet-stream"}
+    first = stranger.patch(begun, content=MP4, headers=piece | {"Upload-Offset": "0"})
+    until_then = parsedate_to_datetime(first.headers["upload-expires"]) - timedelta(seconds=2)
+    for database in (api.services.database, api.services.background):
+        monkeypatch.setattr(database, "now", lambda: until_then)
+    monkeypatch.setattr(api.services.signer, "_now", lambda: until_then)
+    api.services.reaper.expire()
+    assert stranger.head(only_announced, headers=tus).status_code == 410
+    offset = stranger.head(begun, headers=tus).headers["upload-offset"]
+    last = stranger.patch(begun, content=b"the rest", headers=piece | {"Upload-Offset": offset})
+    assert last.status_code == 204, last.text
+    assert stranger.head(begun, headers=tus).headers["upload-offset"] == str(len(MP4) + 8)
+    assert api.client.get(f"/videos/{medium_of(api, begun)}").json()["size_bytes"] == len(MP4) + 8
 
 
 # pages of other sites
