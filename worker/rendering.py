@@ -256,20 +256,23 @@ def publish(run: Run, drawn: list[DrawnLook], present: dict[str, Media]) -> bool
     with Unpublished(run) as unpublished:
         with run.timed("store_s"):
             outputs = [output for one in drawn for output in _store(unpublished, one, names[one.look.position])]
-        return unpublished.record(lambda: _record(run, outputs))
+        return unpublished.record(lambda: _record(run, outputs, present))
 
 
-def _record(run: Run, outputs: list[Output]) -> bool:
-    """End the job with its outputs. True as well when a call before has done so, and its answer was lost."""
+def _record(run: Run, outputs: list[Output], present: Collection[str]) -> bool:
+    """End the job with its outputs, whose media are ``present`` and are used until then: results go with them.
+
+    True as well when a call before has done so, and its answer was lost.
+    """
     with run.database.write() as session:
-        return results.publish(
-            session,
-            run.lease,
-            outputs,
-            now=run.database.now(),
-            timings=run.timings,
-            ttl_s=run.settings.result_ttl_s,
-        ) or (bool(outputs) and results.get(session, outputs[0].result_id) is not None)
+        now = run.database.now()
+        used = media.locked(session, present)  # before the job, as who asks for looks of them does
+        published = results.publish(
+            session, run.lease, outputs, now=now, timings=run.timings, ttl_s=run.settings.result_ttl_s
+        )
+        if published:
+            media.use(used, now=now, ttl_s=run.settings.media_ttl_s)
+        return published or (bool(outputs) and results.get(session, outputs[0].result_id) is not None)
 
 
 def names_of_files(drawn: Collection[DrawnLook], present: dict[str, Media]) -> dict[int, tuple[str, ...]]:

@@ -67,10 +67,12 @@ def _spans(said: list[PictureAnswer], size: int) -> list[list[int | None]]:
 
 def _finish(run: Run, asset: Asset) -> list[str] | None:
     with run.database.write() as session:
-        unneeded = media.finish(session, run.lease, asset, now=run.database.now(), timings=run.timings)
+        now, media_id = run.database.now(), str(run.job.media_id)
+        unneeded = media.finish(session, run.lease, asset, now=now, timings=run.timings)
         if unneeded is None:  # unless it was finished by a call whose answer was lost
-            medium = media.get(session, str(run.job.media_id))
+            medium = media.get(session, media_id)
             return [] if medium is not None and medium.asset_key == asset.key else None
+        media.use(media.locked(session, [media_id]), now=now, ttl_s=run.settings.media_ttl_s)
         return unneeded
 
 

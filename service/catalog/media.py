@@ -106,6 +106,12 @@ def several(session: Session, owner: str, media_ids: Collection[str], *, lock: b
     return {one.id: one for one in session.scalars(query.with_for_update() if lock else query)}
 
 
+def locked(session: Session, media_ids: Collection[str]) -> list[Media]:
+    """Those of these media that there are, kept from others: in the order of their ids, as by all who lock several."""
+    found = [get(session, media_id, lock="update") for media_id in sorted(media_ids)]
+    return [one for one in found if one is not None]
+
+
 def find_content(
     session: Session, role: Role, sha256: str, settings: VectorSettings, *, owner: str = "", lock: bool = False
 ) -> Media | None:
@@ -296,6 +302,11 @@ def is_kept(media: Media, *, now: datetime, ttl_s: float) -> bool:
     That is within the last hour, or a 24th of a retention of less than a day.
     """
     return media.expires_at > now + timedelta(seconds=ttl_s - min(3600.0, ttl_s / 24))
+
+
+def use(media: Iterable[Media], *, now: datetime, ttl_s: float) -> None:
+    """Count the retention of these media, which are locked, from now, unless it was lately: a use by the way."""
+    keep([one for one in media if not is_kept(one, now=now, ttl_s=ttl_s)], now=now, ttl_s=ttl_s)
 
 
 def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timings: dict[str, Any]) -> list[str] | None:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from datetime import timedelta
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,55 @@ def test_two_looks_of_one_portrait_are_published_under_two_names(run: Run) -> No
         names = [result.filename for result in session.query(Result).order_by(Result.position, Result.id)]
     assert [names[0], names[4]] == ["clip-clip.mp4", "clip-clip-2.mp4"]
     assert names[5:] == [name.replace("clip-clip", "clip-clip-2") for name in names[1:4]]
+
+
+def grow_old(run: Run, media_id: str) -> None:
+    """Have the time of a medium be over, as while a job of it waits for long."""
+    with run.database.write() as session:
+        session.get_one(Media, media_id).expires_at = utc_now() - timedelta(seconds=60)
+
+
+def left_s(run: Run, media_id: str) -> float:
+    """For how long a medium is kept from now on."""
+    with run.database.read() as session:
+        return (session.get_one(Media, media_id).expires_at - utc_now()).total_seconds()
+
+
+def test_results_of_a_job_that_took_longer_than_its_media_are_kept_have_their_time(run: Run) -> None:
+    looks, present = drawn(run)
+    (media_id,) = present
+    grow_old(run, media_id)
+    assert publish(run, looks, present)
+    assert left_s(run, media_id) > run.settings.media_ttl_s - 60
+    with run.database.read() as session:
+        until_s = [
+            (until - utc_now()).total_seconds()
+            for until in results.kept_until(session, session.query(Result).all()).values()
+        ]
+    assert len(until_s) == 4
+    assert min(until_s) > run.settings.result_ttl_s - 60
+
+
+def test_a_job_that_publishes_nothing_is_no_use_of_its_media(run: Run) -> None:
+    looks, present = drawn(run)
+    (media_id,) = present
+    grow_old(run, media_id)
+    with run.database.write() as session:
+        assert jobs.cancel(session, run.job.id, now=utc_now())
+    with suppress(CanceledError):
+        assert not publish(run, looks, present)
+    assert left_s(run, media_id) < 0
+
+
+def test_a_medium_that_was_vectorised_for_longer_than_it_is_kept_has_its_time(run: Run) -> None:
+    medium = add_media(run.database)
+    lease = claim(run.database, medium.job_id)
+    grow_old(run, medium.id)
+    with run.database.write() as session:
+        announce(session, "asset/y")
+    vectorized = replace(run, job=job_of(run.database, medium.job_id), lease=lease)
+    assert vectorizing._finish(vectorized, media.Asset("asset/y", 1, {}, [], [])) == []
+    assert left_s(run, medium.id) > run.settings.media_ttl_s - 60
 
 
 def names_of(run: Run, looks: list[tuple[str, str]], *, extras: tuple[str, ...] = ()) -> list[tuple[str, ...]]:

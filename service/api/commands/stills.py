@@ -146,10 +146,8 @@ def _check(services: Services, owner: str, wanted: WantedStill) -> tuple[str, li
 
 def _use(services: Services, media_ids: list[str]) -> None:
     with services.database.write() as session:
-        # locked in one order, as by others
-        found = [media.get(session, media_id, lock="update") for media_id in sorted(media_ids)]
-        used = [one for one in found if one is not None]
-        media.keep(used, now=services.database.now(), ttl_s=services.settings.media_ttl_s)
+        used = media.locked(session, media_ids)
+        media.use(used, now=services.database.now(), ttl_s=services.settings.media_ttl_s)
 
 
 def _ask(services: Services, owner: str, wanted: WantedStill, mark: str) -> tuple[str, bool]:
