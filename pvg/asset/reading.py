@@ -340,12 +340,13 @@ def open_asset(
 
 
 def check_vectorized(*videos: object) -> None:
-    """Raise `ValueError` for the path of a clip, picture or asset in the place of what was made or opened of it."""
+    """Raise `ValueError` for whatever else, such as a path, is in the place of a vectorised clip or picture."""
     for video in videos:
-        if isinstance(video, (str, os.PathLike)):
-            raise ValueError(
-                f"{os.fspath(video)!r} is a path: give what pvg.vectorize or pvg.open_asset returns for it"
-            )
+        if not isinstance(video, VectorVideo):
+            what = f"{video!r} is nothing that was vectorised"
+            if isinstance(video, (str, os.PathLike)):
+                what = f"{os.fspath(video)!r} is a path"
+            raise ValueError(f"{what}: give what pvg.vectorize or pvg.open_asset returns for it")
 
 
 def faces_by_index(video: VectorVideo, faces: str | Sequence[int], *, what: str = "clip") -> tuple[int, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pvg.looks.cube import CUBE_SIZE, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.looks.exchange import LookOptions, contrast_of_both, exchange
-from pvg.looks.look import PROTECTABLE, Contrast, Look, LookMap, Region
+from pvg.looks.look import PROTECTABLE, Contrast, Look, LookMap, Region, check_looks
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.parts import MAKEUP
 from pvg.looks.skin_map import SkinMap
@@ -24,6 +24,7 @@ __all__ = [
     "LookOptions",
     "Region",
     "SkinMap",
+    "check_looks",
     "check_size",
     "contrast_of_both",
     "exchange",

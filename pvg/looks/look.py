@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -145,6 +145,7 @@ class Look:
 
         Raises `ValueError` when both change a face, are of different clips or protect different features.
         """
+        _check_is_look(other)
         if self.source_sha256 != other.source_sha256:
             raise ValueError("looks of different clips cannot be merged")
         if both := sorted(set(self.colors) & set(other.colors)):
@@ -154,6 +155,18 @@ class Look:
         contrast = {face: look.contrast_of(face) for look in (self, other) for face in look.colors}
         parts, body, maps = self.parts | other.parts, self.body | other.body, self.maps | other.maps
         return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=parts, body=body, maps=maps)
+
+
+def check_looks(video: VectorVideo, looks: Iterable[object]) -> None:
+    """Raise `ValueError` unless all of them are looks of the clip, see `Look.check_fits`."""
+    for look in looks:
+        _check_is_look(look).check_fits(video)
+
+
+def _check_is_look(given: object) -> Look:
+    if not isinstance(given, Look):
+        raise ValueError(f"a look is what pvg.transfer or pvg.exchange returns, not {given!r}")
+    return given
 
 
 def protected(features: Sequence[str]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ the clip and one operator.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from io import TextIOBase
@@ -24,7 +24,7 @@ from pvg._threads import one_blas_thread
 from pvg.asset import VectorVideo, check_vectorized
 from pvg.curves import table_labels
 from pvg.errors import AssetError
-from pvg.looks import Contrast, Look, LookOptions, contrast_of_both, exchange, transfer
+from pvg.looks import Contrast, Look, LookOptions, check_looks, contrast_of_both, exchange, transfer
 from pvg.memory import looks_at_once, processors_at_once
 from pvg.rendering.canvas import (
     Canvas,
@@ -131,8 +131,7 @@ def _draw_and_publish(
     memory_bytes = whole_number("memory_bytes", memory_bytes, 1)
     lost = []
     for job in jobs:
-        for look in job.looks:
-            look.check_fits(job.video)
+        check_looks(job.video, job.looks)
     with one_blas_thread(), ExitStack() as stack:
         drafts = stack.enter_context(drafts_of([target for job in jobs for target in job.targets]))
         canvases = [stack.enter_context(_canvas(job.video, pictures)) for job in jobs]
@@ -267,10 +266,12 @@ def swap(
 
         pvg.swap(video, paths="swapped.mp4", faces=(0, 1), contrast=(0.8, 1.2))
     """
+    if not isinstance(paths, (str, os.PathLike, Iterable)):
+        raise ValueError(f"paths must be a path or two of them, not {paths!r}")
     given = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
     if len(given) != (1 if b is None else 2):
         raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(given)}")
-    check_vectorized(a, b)
+    check_vectorized(*([a] if b is None else [a, b]))
     encoding = Encoding(container, codec, crf, preset, audio)
     if b is None:
         if isinstance(faces, str):

@@ -17,7 +17,7 @@ from pvg._targets import check_files
 from pvg._threads import one_blas_thread
 from pvg._version import __version__
 from pvg.asset import VectorVideo, check_vectorized
-from pvg.looks import Look
+from pvg.looks import Look, check_looks
 from pvg.memory import looks_at_once
 from pvg.rendering.canvas import Canvas, Encoding, plans_of, stored_canvas, stored_frames
 from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, check_paths, drafts_of, draw
@@ -48,8 +48,7 @@ def render_part(
     targets = _targets(video, looks, paths)
     memory_bytes = whole_number("memory_bytes", memory_bytes, 1)
     start, stop = whole_number("start", start, low=None), whole_number("stop", stop, low=None)
-    for look in looks:
-        look.check_fits(video)
+    check_looks(video, looks)
     if not 0 <= start < stop <= video.frame_count:
         raise ValueError(f"[{start}, {stop}) are no frames of a clip of {video.frame_count}")
     canvas = _clip(video, container, codec)

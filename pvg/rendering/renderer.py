@@ -13,7 +13,7 @@ from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.errors import UncutError
 from pvg.face import Landmarks
-from pvg.looks import Look, Region
+from pvg.looks import Look, Region, check_looks
 from pvg.rendering.beard import with_beard
 from pvg.rendering.beside import BesideTables, with_beside
 from pvg.rendering.blocks import Blocks
@@ -143,8 +143,7 @@ class Renderer:
     """
 
     def __init__(self, video: VectorVideo, looks: Sequence[Look]) -> None:
-        for look in looks:
-            look.check_fits(video)
+        check_looks(video, looks)
         self.video = video
         self.looks = tuple(looks)
         faces = sorted({face for look in looks for face in look.colors})

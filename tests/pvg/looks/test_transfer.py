@@ -183,6 +183,35 @@ def test_a_path_in_the_place_of_a_video_is_told_what_to_do(
             call()
 
 
+def test_what_is_no_clip_or_no_look_is_refused_in_words(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    out, look = tmp_path / "out.mp4", pvg.transfer(video, dark_reference)
+    no_clips: list[Callable[[], object]] = [
+        lambda: pvg.transfer(video, [dark_reference]),  # type: ignore[arg-type]
+        lambda: pvg.transfer(None, dark_reference),  # type: ignore[arg-type]
+        lambda: pvg.exchange(look, (0, 1)),  # type: ignore[arg-type]
+        lambda: pvg.swap(video, look, [out, out]),  # type: ignore[arg-type]
+        lambda: pvg.render(look, [look], [out]),  # type: ignore[arg-type]
+        lambda: pvg.layer(look, 0, "mask"),  # type: ignore[arg-type]
+    ]
+    for call in no_clips:
+        with pytest.raises(ValueError, match=r"nothing that was vectorised: give what pvg\.vectorize or"):
+            call()
+    no_looks: list[Callable[[], object]] = [
+        lambda: pvg.render(video, [dark_reference], [out]),  # type: ignore[list-item]
+        lambda: render_part(video, [dark_reference], [out], start=0, stop=1, container="mp4"),  # type: ignore[list-item]
+        lambda: pvg.render_frame(video, [look], 0),  # type: ignore[arg-type]
+        lambda: pvg.export(video, dark_reference, tmp_path),  # type: ignore[arg-type]
+        lambda: look.merged([look]),  # type: ignore[arg-type]
+    ]
+    for call in no_looks:
+        with pytest.raises(ValueError, match=r"a look is what pvg\.transfer or pvg\.exchange returns, not"):
+            call()
+    with pytest.raises(ValueError, match="paths must be a path or two of them, not 3"):
+        pvg.swap(video, dark_reference, 3)  # type: ignore[arg-type]
+
+
 def test_numbers_may_be_numpys(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
     plain = pvg.transfer(video, dark_reference, contrast=1.25, makeup={"lips": 0.5}, strength=0.5, seed=3, faces=[0])
     of_numpy = pvg.transfer(
