@@ -12,11 +12,13 @@ import errno
 import io
 import lzma
 import os
+import shutil
 import struct
 import zipfile
 import zlib
+from contextlib import closing
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 #: what zipfile and its decompressors raise on damaged bytes
 DAMAGE: Final = (
@@ -36,6 +38,7 @@ DAMAGE: Final = (
 _MAX_DIRECTORY_BYTES: Final = 32 * 1024**2
 #: bytes of the manifest, beside those for each entry
 _MANIFEST_BYTES, _MANIFEST_BYTES_PER_ENTRY = 1024**2, 256
+_COPIED_BYTES: Final = 1024**2  # at once
 
 
 class _File(io.FileIO):
@@ -55,6 +58,10 @@ class _File(io.FileIO):
             raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
         self._at = start + offset
         return self._at
+
+    def again(self) -> _File:
+        """The same file, opened once more, from its beginning."""
+        return _File(os.dup(self.fileno()))
 
     @property
     def _size(self) -> int:
@@ -100,6 +107,11 @@ class Entries:
     def manifest_limit(self) -> int:
         """The most bytes that the manifest of a file with so many entries has."""
         return _MANIFEST_BYTES + _MANIFEST_BYTES_PER_ENTRY * len(self._zip.filelist)
+
+    def copy_to(self, out: BinaryIO) -> None:
+        """Write all of the file as it was opened, though another one may have its name by now."""
+        with closing(self._file.again()) as data:
+            shutil.copyfileobj(data, out, _COPIED_BYTES)
 
     def read(self, name: str, limit: int) -> bytes:
         """The bytes of an entry, at most `limit`. Raises one of `DAMAGE`."""

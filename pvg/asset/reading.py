@@ -7,14 +7,13 @@ import hashlib
 import itertools
 import json
 import os
-import shutil
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +117,10 @@ class VectorVideo:
         what = f"{media.width}x{media.height}, {media.frame_count} frames, {len(self.faces)} faces"
         return f"<VectorVideo {self.path.name}: {what}>"
 
+    def __reduce__(self) -> NoReturn:
+        # a copy would share the open file, and close it for both
+        raise TypeError(f"{self!r} holds open files and is neither copied nor pickled: pvg.open_asset opens it again")
+
     def __enter__(self) -> Self:
         return self
 
@@ -138,15 +141,17 @@ class VectorVideo:
     def save(self, path: str | Path) -> None:
         """Copy the asset file to `path`, appearing there only when complete; the copy notes where its clip lies.
 
-        Raises `ValueError` where that would replace the clip, `OSError` where it cannot be written.
+        Raises `ValueError` where that would replace the clip, `OSError` where it cannot be written, and `AssetError`
+        once it was closed.
         """
+        self._check_open()
         target = Path(path)
         check_file(target, [self.source])
         draft = draft_of(target)
         try:
             begin_draft(draft, target)
-            with draft.open("wb") as out, self.path.open("rb") as data:
-                shutil.copyfileobj(data, out, 1 << 20)
+            with draft.open("wb") as out:
+                self._file.copy_to(out)
             if self.source is not None:
                 replace_manifest(draft, {**self.manifest, **source_note(self.source, target)})
             draft.replace(target)
@@ -301,8 +306,7 @@ class VectorVideo:
             raise AssetError(f"entry {name} of {self.path.name} is not an array ({error})") from None
 
     def _read(self, name: str, digest: str, limit: int) -> bytes:
-        if self._file.closed:
-            raise AssetError(f"{self.path.name} has been closed: use it before that, within its `with` block")
+        self._check_open()
         try:
             data = self._file.read(name, limit)
         except DAMAGE as error:
@@ -310,6 +314,10 @@ class VectorVideo:
         if hashlib.sha256(data).hexdigest() != digest:
             raise AssetError(f"entry {name} of {self.path.name} was altered")
         return data
+
+    def _check_open(self) -> None:
+        if self._file.closed:
+            raise AssetError(f"{self.path.name} has been closed: use it before that, within its `with` block")
 
 
 def _remove(path: Path, made_by: int) -> None:

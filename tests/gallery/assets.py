@@ -62,11 +62,11 @@ def manifest_of(source: Path, frame_count: int, shots: tuple[int, ...] = (0,)) -
     }
 
 
-def write_asset(path: Path, source: Path) -> Path:
-    """One face over FRAMES frames, from frame FIRST on."""
+def write_asset(path: Path, source: Path, *, seed: int = 0) -> Path:
+    """One face over FRAMES frames, from frame FIRST on; with another seed it is elsewhere."""
     with AssetWriter(path) as writer:
         for i in range(FRAMES):
-            writer.add_frame(0, frame_arrays(i))
+            writer.add_frame(0, frame_arrays(seed + i))
         writer.add_face(FaceRecord(SUMMARY, (key_frame(),)))
         writer.finish(manifest_of(source, FIRST + FRAMES, shots=(0, 40)))
     return path

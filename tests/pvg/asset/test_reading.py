@@ -1,14 +1,18 @@
 from __future__ import annotations
 
+import copy
+import gc
 import hashlib
 import io
 import json
 import multiprocessing
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -42,6 +46,24 @@ def test_an_asset_that_was_closed_is_not_called_damaged(asset: Path, source: Pat
     with pytest.raises(AssetError, match=r"has been closed: use it before that, within its `with` block$"):
         video.face_at(0, FIRST)
     assert video.faces == (SUMMARY,)
+
+
+def test_a_temporary_asset_cannot_be_saved_once_it_was_closed(asset: Path, tmp_path: Path) -> None:
+    with VectorVideo(asset, temporary=True) as video:
+        video.save(tmp_path / "kept.pvg")
+    with pytest.raises(AssetError, match=r"clip\.pvg has been closed"):
+        video.save(tmp_path / "late.pvg")
+    assert (tmp_path / "kept.pvg").is_file()
+    assert not (tmp_path / "late.pvg").exists()
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_an_open_asset_is_neither_copied_nor_pickled(asset: Path, copied: Callable[[object], object]) -> None:
+    with VectorVideo(asset) as video:
+        with pytest.raises(TypeError, match=r"holds open files and is neither copied nor pickled: pvg\.open_asset"):
+            copied(video)
+        gc.collect()
+        video.verify()
 
 
 def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, source: Path) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pvg.asset import AssetWriter, FaceRecord, VectorVideo, open_asset, source_note
 from pvg.asset.writing import replace_manifest
 from pvg.errors import AssetError
-from tests.gallery.assets import FIRST, FRAMES, SUMMARY, frame_arrays, key_frame, manifest_of
+from tests.gallery.assets import FIRST, FRAMES, SUMMARY, frame_arrays, key_frame, manifest_of, write_asset
 
 
 @pytest.fixture
@@ -77,6 +78,18 @@ def test_a_saved_copy_notes_where_the_clip_lies_from_there(asset: Path, source: 
     with open_asset(folder / "saved.pvg") as video:
         assert video.manifest["source_path"] == "../../clip.bin"
         assert video.require_source().samefile(source)
+
+
+def test_what_is_saved_is_what_was_opened(asset: Path, source: Path, tmp_path: Path) -> None:
+    other = write_asset(tmp_path / "other.pvg", source, seed=1)
+    with VectorVideo(asset, source) as video:
+        points = video.landmarks(0)
+        other.replace(asset)  # as when its clip is vectorised again
+        video.save(tmp_path / "saved.pvg")
+    with open_asset(tmp_path / "saved.pvg") as saved, open_asset(asset) as newer:
+        saved.verify()
+        np.testing.assert_array_equal(saved.landmarks(0), points)
+        assert (newer.landmarks(0) != points).any()
 
 
 def test_a_copy_never_takes_the_place_of_the_clip(asset: Path, source: Path, tmp_path: Path) -> None:
