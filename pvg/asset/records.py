@@ -166,7 +166,8 @@ class FaceRecord:
     def served(self) -> tuple[float, ...]:
         """How many of the face's frames each key frame serves, those between two of them by their shares."""
         later, face = self.key_frames[1:], self.summary
-        begins = (key.frame if key.since is None else (key.since + key.frame) / 2 for key in later)
+        # the shares of the frames between `since` and `frame` add up to half of their number
+        begins = (key.frame if key.since is None else (key.since + 1 + key.frame) / 2 for key in later)
         ends = [float(face.first_frame), *begins, face.last_frame + 1.0]
         return tuple(stop - start for start, stop in itertools.pairwise(ends))
 
