@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -20,6 +21,7 @@ import av.video.codeccontext
 import av.video.frame
 import av.video.stream
 
+from pvg._checks import real_number
 from pvg._processors import decoding_threads
 from pvg.errors import MediaError, TooLargeError
 from pvg.video.indexes import check_index
@@ -42,6 +44,7 @@ class MediaLimits:
     max_pixels: of one frame. max_frames, max_duration_s: of the clip. max_frame_rate: frames a second on average, of
     which 1 % more passes.
     max_streams: video, sound, subtitles and all else in the container.
+    Each is a number from 0 on, infinity for no limit; ValueError for anything else.
     """
 
     max_pixels: int = 33_554_432
@@ -49,6 +52,11 @@ class MediaLimits:
     max_duration_s: float = 3600.0
     max_frame_rate: float = 240.0
     max_streams: int = 32
+
+    def __post_init__(self) -> None:
+        """Look at what was given: what is no number would be no limit, or be compared with one."""
+        for limit in fields(self):
+            real_number(limit.name, getattr(self, limit.name), 0.0, math.inf)
 
 
 @dataclass(frozen=True)

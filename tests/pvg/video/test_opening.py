@@ -35,6 +35,18 @@ def test_every_limit_is_kept_and_named(samples: Samples) -> None:
     assert every_frame(clip, MediaLimits(max_pixels=640 * 360, max_frames=168, max_duration_s=7.1)) == 168
 
 
+@pytest.mark.parametrize("limit", [None, "10", float("nan"), -1])
+def test_a_limit_is_a_number_from_0_on(limit: object) -> None:
+    with pytest.raises(ValueError, match=r"^max_duration_s must be a number from 0 to inf, not "):
+        MediaLimits(max_duration_s=limit)  # type: ignore[arg-type]
+
+
+def test_infinity_is_no_limit(samples: Samples) -> None:
+    none = MediaLimits(*[float("inf")] * 5)  # type: ignore[arg-type]
+    assert every_frame(samples.woman_clip, none) == 168
+    assert every_frame(samples.dark_portrait, none) == 1
+
+
 def test_an_error_of_a_limit_passes_between_processes() -> None:
     error = TooLongError("a.mp4 lasts 9.0 s; at most 3.0 s are accepted", 3.0, "seconds")
     passed = pickle.loads(pickle.dumps(error))
