@@ -90,6 +90,8 @@ def render(
     check_paths(looks, paths)
     if not looks:
         return []
+    if pictures is not None and (isinstance(pictures, TextIOBase) or not hasattr(pictures, "read")):
+        raise ValueError(f"pictures must be a binary stream, not {pictures!r}")
     if pictures is not None and len(looks) > LOOKS_AT_ONCE:
         raise ValueError(f"pictures that come by a pipe are drawn once, for at most {LOOKS_AT_ONCE} looks")
     encoding, job = Encoding(container, codec, crf, preset, audio), _Job(video, looks, _targets(paths, [video]))

@@ -87,6 +87,15 @@ def test_what_is_no_path_and_no_binary_stream_is_refused(
         pvg.render(video, [pvg.transfer(video, dark_reference)], [path])  # type: ignore[list-item]
 
 
+@pytest.mark.parametrize("pictures", ["clip.nut", io.StringIO("YUV4MPEG2")])
+def test_pictures_that_are_no_binary_stream_are_refused(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path, pictures: object
+) -> None:
+    look = pvg.transfer(video, dark_reference)
+    with pytest.raises(ValueError, match="pictures must be a binary stream, not "):
+        pvg.render(video, [look], [tmp_path / "out.mp4"], pictures=pictures)  # type: ignore[arg-type]
+
+
 def keep_to_permissions() -> None:
     """From now on this thread writes where anybody may: root's otherwise does everywhere."""
     version_3, override, read_search = 0x2008_0522, 1 << 1, 1 << 2
