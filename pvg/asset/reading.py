@@ -50,7 +50,7 @@ class VectorVideo:
     the end of the process, but for a process that was forked from the one that made it.
     limits: what the source clip must keep whenever it is read, as when it was vectorised; None for the usual ones.
 
-    path: of the asset;  source: of the clip, None where nothing is known of it;  media: what the clip is;
+    path: of the asset;  source: of the clip, None where none is known, both absolute;  media: what the clip is;
     faces: a summary of each, by index;  shots: first frames;  settings: those of `vectorize` that it was made with;
     source_sha256: of the clip's bytes, hexadecimal;  manifest: all of this as it is stored;  single_frames: the clip's,
     whose file stays open once one was asked for.
@@ -64,8 +64,9 @@ class VectorVideo:
         limits: MediaLimits | None = None,
         temporary: bool = False,
     ) -> None:
-        self.path = Path(path)
-        self.source = None if source is None else Path(source)
+        # absolute: the process may go to another folder before they are read
+        self.path = Path(path).absolute()
+        self.source = None if source is None else Path(source).absolute()
         self.limits = limits or MediaLimits()
         self.single_frames = SingleFrames()
         self._source_checked = False

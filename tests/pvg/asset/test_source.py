@@ -80,6 +80,20 @@ def test_a_saved_copy_notes_where_the_clip_lies_from_there(asset: Path, source: 
         assert video.require_source().samefile(source)
 
 
+def test_the_clip_is_found_from_another_folder(
+    asset: Path, source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with VectorVideo(asset.name, source.name) as named, open_asset(asset.name) as found:
+        monkeypatch.chdir("elsewhere")
+        for video in (named, found):
+            assert video.require_source().samefile(source)
+            video.save("saved.pvg")
+            with open_asset("saved.pvg") as saved:
+                assert saved.require_source().samefile(source)
+
+
 def test_what_is_saved_is_what_was_opened(asset: Path, source: Path, tmp_path: Path) -> None:
     other = write_asset(tmp_path / "other.pvg", source, seed=1)
     with VectorVideo(asset, source) as video:
