@@ -101,6 +101,19 @@ def clipped(box: Box, within: Box) -> Box:
     return x0, y0, x1, y1
 
 
+def common(one: Box, other: Box) -> Box | None:
+    """The common part of two boxes; None where they have none."""
+    x0, y0 = max(one[0], other[0]), max(one[1], other[1])
+    x1, y1 = min(one[2], other[2]), min(one[3], other[3])
+    return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
+
+
+def slices_of(box: Box, corner: tuple[int, int]) -> tuple[slice, slice]:
+    """The rows and columns of a box in an array whose first pixel lies at `corner` (x, y)."""
+    x, y = corner
+    return slice(box[1] - y, box[3] - y), slice(box[0] - x, box[2] - x)
+
+
 @dataclass(frozen=True, eq=False)
 class RgbPicture:
     """The picture of an RGB array.
@@ -125,9 +138,8 @@ class RgbPicture:
 
     def part(self, box: Box) -> RgbPicture:
         """See `Picture.part`."""
-        x0, y0, x1, y1 = clipped(box, self.box)
-        x, y = self.corner
-        return RgbPicture(self.pixels[y0 - y : y1 - y, x0 - x : x1 - x].copy(), (x0, y0), self.size)
+        kept = clipped(box, self.box)
+        return RgbPicture(self.pixels[slices_of(kept, self.corner)].copy(), kept[:2], self.size)
 
     def rgb(self) -> Bytes:
         """See `Picture.rgb`."""

@@ -11,6 +11,7 @@ from pvg._arrays import Bytes, Floats
 from pvg.asset import VectorVideo
 from pvg.errors import UncutError
 from pvg.landmarks import draw_landmarks
+from pvg.picture import slices_of
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.clip import placed_faces, source_frame
 from pvg.rendering.edges import follow_edges
@@ -87,13 +88,12 @@ def _draw_curves(out: Bytes, placed: PlacedFace, colors: Floats) -> None:
 def _draw_face(
     out: Bytes, image: Bytes, video: VectorVideo, face: int, placed: PlacedFace, index: int, name: str
 ) -> None:
-    h, w = placed.alpha.shape
-    window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))
+    window = slices_of(placed.window, (0, 0))
     if name == "mask":
         out[window][placed.alpha >= 0.5] = 255
         return
     try:
-        low = placed.membrane(_boundary_colors(video, face, index)).crop(placed.x, placed.y, w, h)
+        low = placed.membrane(_boundary_colors(video, face, index)).crop(placed.x, placed.y, *placed.alpha.shape[::-1])
     except UncutError:  # as when a look is drawn
         return
     field = low if name == "low" else image[window] - low + _MID_GREY

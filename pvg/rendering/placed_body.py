@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Bytes, Floats
+from pvg.picture import Box, common, slices_of
 from pvg.raster import Raster, block, square
 from pvg.rendering._body_kernels import leave
 from pvg.rendering.edges import EDGES, refine
@@ -35,7 +36,7 @@ _THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim is thinner and lies as n
 _RIM = 25  # of a cell's alpha: a piece of which no cell has more, faces and rims aside, is dropped [by eye]
 _WORTH = 40_000  # pixels whose work is about that of one window more [measured]
 _MOST_PIECES = 64  # of a matte; a person's have some ten
-_Labelled = tuple[tuple[int, ...], tuple[int, int, int, int]]  # components, and x0, y0, x1, y1 of the cells around
+_Labelled = tuple[tuple[int, ...], Box]  # components, and the box of the cells around
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,11 @@ class PlacedBody:
     y: int
     alpha: Floats
     step: float
+
+    @property
+    def window(self) -> Box:
+        """The box of its pixels in the picture."""
+        return self.x, self.y, self.x + self.alpha.shape[1], self.y + self.alpha.shape[0]
 
 
 def place_body(
@@ -95,17 +101,17 @@ def _pieces(body: Matte, faces: Sequence[PlacedFace]) -> list[_Piece]:
     return pieces
 
 
-def _piece(body: Matte, own: Bools | None, labels: NDArray[Any], box: tuple[int, int, int, int]) -> _Piece:
+def _piece(body: Matte, own: Bools | None, labels: NDArray[Any], box: Box) -> _Piece:
     """The components of a body's matte that `own` (n,) says, all when None, of those in a box of cells.
 
     labels: (rows, columns) of the components.
     """
-    x0, y0, x1, y1 = box
-    around = slice(y0, y1), slice(x0, x1)
+    x0, y0 = box[:2]
+    around = slices_of(box, (0, 0))
     alpha, mask = body.alpha[around], body.mask[around]
     if own is not None:
-        within = own[labels[around]]
-        alpha, mask = np.where(within, alpha, np.uint8(0)), mask & within
+        kept = own[labels[around]]
+        alpha, mask = np.where(kept, alpha, np.uint8(0)), mask & kept
     left, top, columns, rows = cv2.boundingRect(alpha)
     return _Piece(_part(body.raster, alpha, mask, (x0, y0)), (x0 + left, y0 + top, columns, rows))
 
@@ -139,11 +145,11 @@ def _joined(boxes: list[_Labelled], worth: float) -> list[_Labelled]:
     return boxes
 
 
-def _area(box: tuple[int, int, int, int]) -> int:
+def _area(box: Box) -> int:
     return (box[2] - box[0]) * (box[3] - box[1])
 
 
-def _even(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+def _even(box: Box, shape: tuple[int, ...]) -> Box:
     """The box from even cells, so that an edge is told by the same blocks of cells wherever it begins; 2 cells wide."""
     x0, y0 = box[0] // 2 * 2, box[1] // 2 * 2
     return x0, y0, max(min(box[2], shape[1]), x0 + 2), max(min(box[3], shape[0]), y0 + 2)
@@ -188,33 +194,29 @@ def _take_rims_out(body: PlacedBody, faces: Sequence[PlacedFace]) -> None:
     beside, thin = (max(1, round(cells * body.step)) for cells in (_BESIDE, _THIN))
     for face in faces:
         left, top, right, bottom = face.window
-        window = left - beside, top - beside, right + beside, bottom + beside
-        x0, y0 = max(window[0], body.x), max(window[1], body.y)
-        x1, y1 = min(window[2], body.x + body.alpha.shape[1]), min(window[3], body.y + body.alpha.shape[0])
-        if x0 >= x1 or y0 >= y1:
+        shared = common((left - beside, top - beside, right + beside, bottom + beside), body.window)
+        if shared is None:
             continue
-        part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
+        part = body.alpha[slices_of(shared, (body.x, body.y))]
         held = _bytes(part)
         farther = cv2.copyMakeBorder(held, *(thin,) * 4, cv2.BORDER_REPLICATE)  # skin does not end with the picture
         opened = cv2.morphologyEx(farther, cv2.MORPH_OPEN, block(thin))[thin:-thin, thin:-thin]
         rims = cv2.subtract(held, opened)
         if not rims.any():
             continue
-        around = cv2.dilate(_over(face, (x0, y0, x1, y1)), square(beside))
+        around = cv2.dilate(_over(face, shared), square(beside))
         taken = cv2.multiply(around, rims, scale=1 / 255.0)
         part -= taken * np.float32(1 / 255.0)
         np.maximum(part, 0, out=part)
 
 
-def _over(face: PlacedFace, box: tuple[int, int, int, int]) -> Bytes:
-    """(h, w) the face's matte over a box x0, y0, x1, y1 of the picture's pixels, 0 beyond its window."""
+def _over(face: PlacedFace, box: Box) -> Bytes:
+    """(h, w) the face's matte over a box of the picture's pixels, 0 beyond its window."""
     x0, y0, x1, y1 = box
-    u0, v0, u1, v1 = face.window
     out = np.zeros((y1 - y0, x1 - x0), np.uint8)
-    left, top, right, bottom = max(x0, u0), max(y0, v0), min(x1, u1), min(y1, v1)
-    if left < right and top < bottom:
-        held = face.alpha[top - v0 : bottom - v0, left - u0 : right - u0]
-        out[top - y0 : bottom - y0, left - x0 : right - x0] = _bytes(held)
+    shared = common(box, face.window)
+    if shared is not None:
+        out[slices_of(shared, (x0, y0))] = _bytes(face.alpha[slices_of(shared, (face.x, face.y))])
     return out
 
 
@@ -235,8 +237,7 @@ def _part(raster: Raster, alpha: Bytes, mask: Bools, first: tuple[int, int]) -> 
 
 def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
     """Leave to another matte what it takes, in place."""
-    x0, y0 = max(body.x, other.x), max(body.y, other.y)
-    x1 = min(body.x + body.alpha.shape[1], other.x + other.alpha.shape[1])
-    y1 = min(body.y + body.alpha.shape[0], other.y + other.alpha.shape[0])
-    if x0 < x1 and y0 < y1:
+    shared = common(body.window, other.window)
+    if shared is not None:
+        x0, y0, x1, y1 = shared
         leave(body.alpha, (x0 - body.x, y0 - body.y), other.alpha, (x0 - other.x, y0 - other.y), (x1 - x0, y1 - y0))

@@ -12,6 +12,7 @@ from pvg._arrays import Bools, Floats
 from pvg.asset import FaceInFrame
 from pvg.curves import BOUNDARY, CurveLabels, place
 from pvg.membrane import TARGET_HEIGHT, TOLERANCE, Lattice, Membrane, build_membrane, cut_edges
+from pvg.picture import Box, common, slices_of
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.visibility import Visibility, see
 
@@ -44,8 +45,8 @@ class PlacedFace:
         return Lattice.over((self.x, self.y, self.alpha.shape[1], self.alpha.shape[0]), target_height=nodes)
 
     @property
-    def window(self) -> tuple[int, int, int, int]:
-        """x0, y0, x1, y1 of its pixels in the picture."""
+    def window(self) -> Box:
+        """The box of its pixels in the picture."""
         return self.x, self.y, self.x + self.alpha.shape[1], self.y + self.alpha.shape[0]
 
     def membrane(self, values: Floats, *, tolerance: float = TOLERANCE, nodes: int = TARGET_HEIGHT) -> Membrane:
@@ -101,21 +102,16 @@ def divide_overlaps(faces: Sequence[PlacedFace]) -> list[PlacedFace]:
 
     Of two faces on one pixel it goes to the one within whose oval it lies, and to the larger one within both.
     """
-    if not any(_meet(a, b) for k, a in enumerate(faces) for b in faces[:k]):
+    if not any(common(a.window, b.window) for k, a in enumerate(faces) for b in faces[:k]):
         return list(faces)
     claims = [face.alpha * _claim(face) for face in faces]
     out = []
     for face, claim in zip(faces, claims, strict=True):
-        x0, y0, x1, y1 = face.window
         total = claim.copy()
         for other, others in zip(faces, claims, strict=True):
-            if other is face or not _meet(face, other):
-                continue
-            u0, v0, u1, v1 = other.window
-            left, top, right, bottom = max(x0, u0), max(y0, v0), min(x1, u1), min(y1, v1)
-            total[top - y0 : bottom - y0, left - x0 : right - x0] += others[
-                top - v0 : bottom - v0, left - u0 : right - u0
-            ]
+            shared = None if other is face else common(face.window, other.window)
+            if shared is not None:
+                total[slices_of(shared, (face.x, face.y))] += others[slices_of(shared, (other.x, other.y))]
         share = np.divide(claim, total, out=np.ones_like(claim), where=total > 0)
         out.append(replace(face, alpha=face.alpha * share))
     return out
@@ -125,11 +121,6 @@ def add_alpha(total: Floats, x: int, y: int, alpha: Floats) -> None:
     """Add alpha (h, w) at column x and row y to a whole picture's, in place; what lies beyond is dropped."""
     part = total[y : y + alpha.shape[0], x : x + alpha.shape[1]]
     part += alpha[: part.shape[0], : part.shape[1]]
-
-
-def _meet(a: PlacedFace, b: PlacedFace) -> bool:
-    (ax0, ay0, ax1, ay1), (bx0, by0, bx1, by1) = a.window, b.window
-    return max(ax0, bx0) < min(ax1, bx1) and max(ay0, by0) < min(ay1, by1)
 
 
 def _claim(face: PlacedFace) -> Floats:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Floats
+from pvg.picture import common, slices_of
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.guards import Guard
 from pvg.video import Patch, PixelFormat
@@ -81,10 +82,7 @@ def with_patches(samples: NDArray[Any], plane: int, corner: tuple[int, int], pat
 
 def _lay(part: NDArray[Any], corner: tuple[int, int], patch: Patch) -> None:
     """Copy what a patch shares with `part`, whose first sample is at `corner` (x, y), in place."""
-    x, y = corner
-    rows, columns = part.shape
-    height, width = patch.samples.shape
-    x0, x1 = max(x, patch.x), min(x + columns, patch.x + width)
-    y0, y1 = max(y, patch.y), min(y + rows, patch.y + height)
-    if x0 < x1 and y0 < y1:
-        part[y0 - y : y1 - y, x0 - x : x1 - x] = patch.samples[y0 - patch.y : y1 - patch.y, x0 - patch.x : x1 - patch.x]
+    (x, y), (rows, columns), (height, width) = corner, part.shape, patch.samples.shape
+    shared = common((x, y, x + columns, y + rows), (patch.x, patch.y, patch.x + width, patch.y + height))
+    if shared is not None:
+        part[slices_of(shared, corner)] = patch.samples[slices_of(shared, (patch.x, patch.y))]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pvg.picture import RgbPicture, clipped, cut_out
+from pvg.picture import RgbPicture, clipped, common, cut_out, slices_of
 from pvg.raster import Raster
 from pvg.video import RGB24, PixelFormat, PlanePicture, picture_of
 from tests.gallery.pictures import FORMATS, YUV420, frame_of, waves
@@ -100,3 +100,21 @@ def test_what_is_cut_out_lies_where_it_says_and_holds_what_of_the_box_is_in_the_
     assert y <= max(box[1], 0)
     assert x + rgb.shape[1] >= min(box[2] + 1, 150)
     assert y + rgb.shape[0] >= min(box[3] + 1, 121)
+
+
+BOXES = st.tuples(*[st.integers(-4, 8)] * 2, *[st.integers(1, 9)] * 2).map(
+    lambda drawn: (drawn[0], drawn[1], drawn[0] + drawn[2], drawn[1] + drawn[3])
+)
+
+
+@given(BOXES, BOXES)
+def test_the_common_part_of_two_boxes_is_what_both_cover(one: tuple[int, ...], other: tuple[int, ...]) -> None:
+    corner, covered = (-4, -4), np.zeros((24, 24), np.uint8)
+    for x0, y0, x1, y1 in (one, other):
+        covered[slices_of((x0, y0, x1, y1), corner)] += 1
+    shared = common((one[0], one[1], one[2], one[3]), (other[0], other[1], other[2], other[3]))
+    if shared is None:
+        assert covered.max() < 2
+    else:
+        assert (covered[slices_of(shared, corner)] == 2).all()
+        assert (covered == 2).sum() == (shared[2] - shared[0]) * (shared[3] - shared[1])
