@@ -11,8 +11,9 @@ copies anyway.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,38 +60,68 @@ def apply_correction(
         return apply_to_rgb(frame, corner, alpha, correction, under=under, guards=guards, fade=fade, skin=planes)
     (left, upper), (height, width) = corner, alpha.shape
     pixel_format, contrast = frame.format, correction.contrast
-    patches = []
     chroma_alpha = over_chroma(alpha, pixel_format)
-    fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
-    shown = skin
+    apply: Callable[[_Samples], None]
     if isinstance(contrast, MapTables):
         shown = skin or as_they_are(frame, corner, alpha)
         chroma_alpha = tinged(contrast, shown.luma_at_chroma, (shown.smooth[1], shown.smooth[2]), chroma_alpha)
+        fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
+        apply = partial(_apply_map, correction, contrast, shown, fades)
+    else:
+        apply = partial(_apply_number, correction, contrast)
     over = [over_chroma(guard.weight, pixel_format) for guard, _ in guards]
-    chroma_alpha = with_guards(chroma_alpha, list(zip((guard for guard, _ in guards), over, strict=True)), pixel_format)
+    held_over = [(guard, held) for (guard, _), held in zip(guards, over, strict=True)]
+    chroma_alpha = with_guards(chroma_alpha, held_over, pixel_format)
+    patches = []
     for p in range(len(frame.planes)):
         log2, weight = pixel_format.log2_of(p), chroma_alpha if p else alpha
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
         before: NDArray[Any] = frame.over(p, (left, upper, left + width, upper + height))
         part = with_patches(before, p, (x, y), under)
-        nodes = _in_nodes(correction.lattice, corner, (columns, rows), log2)
-        if shown is not None and isinstance(contrast, MapTables):
-            own, smooth = shown.planes[p], shown.smooth[p]
-            broad = smooth if p == 0 or contrast.excess > 0 else own
-            samples = kernels.Shown(own, broad, shown.luma_at_chroma if p else smooth)
-            shift, tone = kernels.Grid(correction.shift[p], *nodes), _tone_map(contrast, pixel_format, p)
-            kernels.apply_map(part, samples, weight, shift, fades[p], tone, _codes(pixel_format, p))
-        elif not isinstance(contrast, MapTables):
+        if not correction.mapped:
             before = before.copy()  # contiguous: compiled once
-            shift, low = kernels.Grid(correction.shift[p], *nodes), None
-            if correction.low is not None:
-                low = kernels.Grid(correction.low[p], *nodes)
-            _apply_number(part, before, weight, shift, low, contrast, _codes(pixel_format, p))
+        nodes = _in_nodes(correction.lattice, corner, (columns, rows), log2)
+        apply(_Samples(p, part, before, weight, nodes, pixel_format))
         for (guard, gain), held in zip(guards, over, strict=True):
             _scale(part, before, guard, held if p else guard.weight, gain, pixel_format, p)
         patches.append(Patch(p, y, x, part))
     return patches
+
+
+class _Samples(NamedTuple):
+    """The samples of one plane in a face's window, (r, c), which a correction is applied to in place.
+
+    part: what becomes of them;  before: as the frame came;  weight: of the matte;  nodes: see `_in_nodes`.
+    """
+
+    plane: int
+    part: NDArray[Any]
+    before: NDArray[Any]
+    weight: Floats
+    nodes: tuple[Doubles, Doubles]
+    format: PixelFormat
+
+    @property
+    def codes(self) -> kernels.Codes:
+        """The scale of the plane's codes."""
+        return _codes(self.format, self.plane)
+
+    def of_nodes(self, planes: Floats) -> kernels.Grid:
+        """What planes (3, h, w) on the nodes of the correction's lattice say of these samples."""
+        return kernels.Grid(planes[self.plane], *self.nodes)
+
+
+def _apply_map(
+    correction: Correction, tables: MapTables, shown: Foreground, fades: Sequence[Floats], samples: _Samples
+) -> None:
+    """F on the samples of a plane, in place;  fades: w of `fade_in_dark` over each plane's."""
+    plane = samples.plane
+    own, smooth = shown.planes[plane], shown.smooth[plane]
+    broad = smooth if plane == 0 or tables.excess > 0 else own
+    skin = kernels.Shown(own, broad, shown.luma_at_chroma if plane else smooth)
+    shift, tone = samples.of_nodes(correction.shift), _tone_map(tables, samples.format, plane)
+    kernels.apply_map(samples.part, skin, samples.weight, shift, fades[plane], tone, samples.codes)
 
 
 def _tone_map(tables: MapTables, pixel_format: PixelFormat, plane: int) -> kernels.ToneMap:
@@ -105,19 +136,14 @@ def _codes(pixel_format: PixelFormat, plane: int) -> kernels.Codes:
     return kernels.Codes(np.float32(pixel_format.offset[plane]), np.float32(2**pixel_format.depth - 1))
 
 
-def _apply_number(
-    part: NDArray[Any],
-    before: NDArray[Any],
-    weight: Floats,
-    shift: kernels.Grid,
-    low: kernels.Grid | None,
-    contrast: float,
-    codes: kernels.Codes,
-) -> None:
-    """λ on the samples of a plane, in place;  part, before, weight: (r, c);  shift: H(g' − λg);  low: H(g) or None."""
-    if low is not None and contrast != 1.0:
+def _apply_number(correction: Correction, contrast: float, samples: _Samples) -> None:
+    """λ on the samples of a plane, in place."""
+    part, before, weight, codes = samples.part, samples.before, samples.weight, samples.codes
+    if correction.low is not None and contrast != 1.0:
         # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
-        codes = codes._replace(zero=np.float32(kernels.mean_above(before, weight, low)))
+        mean = kernels.mean_above(before, weight, samples.of_nodes(correction.low))
+        codes = codes._replace(zero=np.float32(mean))
+    shift = samples.of_nodes(correction.shift)
     kernels.apply_contrast(part, before, weight, shift, np.float32(contrast - 1.0), codes)
 
 
