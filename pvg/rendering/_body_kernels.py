@@ -6,7 +6,7 @@ import numpy as np
 
 from pvg._arrays import Floats
 from pvg._compiled import kernel
-from pvg.rendering._kernels import Samples, _roll_off, move_chroma, next_run
+from pvg.rendering._kernels import Samples, move_chroma, next_run, rolled_off
 
 
 @kernel(fastmath=True)
@@ -34,7 +34,7 @@ def apply_tone(
             for j in range(last - first):
                 source = np.float32(was[j])
                 wanted = source + change[j]
-                change[j] = _roll_off(wanted, toe, below, knee, above) - _roll_off(source, toe, below, knee, above)
+                change[j] = rolled_off(wanted, toe, below, knee, above) - rolled_off(source, toe, below, knee, above)
             for j in range(last - first):
                 here = np.float32(to[j])
                 moved = min(here + weight[j] * change[j], max(here, np.float32(was[j]) + change[j]))

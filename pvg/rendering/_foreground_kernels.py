@@ -7,7 +7,7 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg._bilinear import reach, split
 from pvg._compiled import kernel
-from pvg.rendering._kernels import Grid, Samples, _run
+from pvg.rendering._kernels import Grid, Samples, whole_run
 
 
 @kernel(fastmath=True)
@@ -54,7 +54,7 @@ def show_skin(part: Samples, beta: Floats, mean: Grid, sure: np.float32) -> None
     held = np.empty((2, count), np.float32)
     at, half, none, one = -2, np.float32(0.5), np.float32(0.0), np.float32(1.0)
     for i in range(part.shape[0]):
-        first, last = _run(beta[i])
+        first, last = whole_run(beta[i])
         if first >= last:
             continue
         f = down[i]

@@ -98,7 +98,7 @@ def _all(bits: NDArray[np.int32], first: int) -> bool:
 
 
 @kernel()
-def _run(weight: Floats) -> tuple[int, int]:
+def whole_run(weight: Floats) -> tuple[int, int]:
     """The run [first, last) outside which a row of weights is zero."""
     first, last, bits = 0, len(weight), weight.view(np.int32)
     while first + _STRIDE <= last and not _any(bits, first):
@@ -129,7 +129,9 @@ def next_run(weight: Floats, start: int) -> tuple[int, int]:
 
 
 @kernel()
-def _roll_off(value: np.float32, toe: np.float32, below: np.float32, knee: np.float32, above: np.float32) -> np.float32:
+def rolled_off(
+    value: np.float32, toe: np.float32, below: np.float32, knee: np.float32, above: np.float32
+) -> np.float32:
     """The value between toe and knee, approaching black below and white above; slope at most 1 and continuous.
 
     below, above: how far black lies below the toe and white above the knee.
@@ -143,11 +145,11 @@ def _roll_off(value: np.float32, toe: np.float32, below: np.float32, knee: np.fl
 
 @kernel()
 def roll_off(values: Floats, bend: Floats) -> Floats:
-    """`_roll_off` of every value of a plane (h, w);  bend: its four numbers."""
+    """`rolled_off` of every value of a plane (h, w);  bend: its four numbers."""
     out = np.empty_like(values)
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
-            out[i, j] = _roll_off(values[i, j], bend[0], bend[1], bend[2], bend[3])
+            out[i, j] = rolled_off(values[i, j], bend[0], bend[1], bend[2], bend[3])
     return out
 
 
@@ -168,7 +170,7 @@ def apply_contrast(
     added = np.empty((2, count), np.float32)
     at, half, none = -2, np.float32(0.5), np.float32(0.0)
     for i in range(part.shape[0]):
-        first, last = _run(alpha[i])
+        first, last = whole_run(alpha[i])
         if first >= last:
             continue
         f = down[i]
@@ -215,7 +217,7 @@ def apply_map(
 ) -> None:
     """part += α (R(F(before) + w shift) − R(before)), in place: u' = F(I) + H(g' − F(g)), rounded and held to [0, top].
 
-    R is `_roll_off`.  What is here is bounded by what the skin in it becomes, see `rgb_planes.not_beyond`.
+    R is `rolled_off`.  What is here is bounded by what the skin in it becomes, see `rgb_planes.not_beyond`.
     part: (r, c) samples of a plane;  alpha: see `apply_contrast`;  shift: H(g' − F(g));
     fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;  tone: F.
     """
@@ -227,7 +229,7 @@ def apply_map(
     at, half, none = -2, np.float32(0.5), np.float32(0.0)
     rise, falls, fall = tables[0], len(tables) > 1, tables[len(tables) - 1]
     for i in range(part.shape[0]):
-        first, last = _run(alpha[i])
+        first, last = whole_run(alpha[i])
         if first >= last:
             continue
         f = down[i]
@@ -253,7 +255,7 @@ def apply_map(
             for j in range(last - first):
                 source = np.float32(was[j])
                 wanted = source + change[j]
-                change[j] = _roll_off(wanted, toe, below, knee, above) - _roll_off(source, toe, below, knee, above)
+                change[j] = rolled_off(wanted, toe, below, knee, above) - rolled_off(source, toe, below, knee, above)
         for j in range(last - first):
             here, skin = np.float32(to[j]), np.float32(was[j]) + change[j]
             moved = min(here + v[j] * change[j], max(here, skin))
@@ -280,7 +282,7 @@ def tinge(
     """
     one, none, most = np.float32(1.0), np.float32(0.0), len(least) - 1
     for i in range(out.shape[0]):
-        first, last = _run(alpha[i])
+        first, last = whole_run(alpha[i])
         if first >= last:
             continue
         by, b, r, to = luma[i, first:last], blue[i, first:last], red[i, first:last], out[i, first:last]
@@ -317,7 +319,7 @@ def fade_in_dark(
     at, one, none = -2, np.float32(1.0), np.float32(0.0)
     wide = one / (high - low)
     for i in range(out.shape[0]):
-        first, last = _run(alpha[i])
+        first, last = whole_run(alpha[i])
         if first >= last:
             continue
         f = down[i]
@@ -336,18 +338,18 @@ def scale(
 ) -> None:
     """part += weight (R(before + (gain − 1)(before − zero)) − R(before)), in place, rounded and held to [0, top].
 
-    R is `_roll_off`.  part, before: (r, c) uint8 or uint16 samples;  weight: (r, c) float32;
+    R is `rolled_off`.  part, before: (r, c) uint8 or uint16 samples;  weight: (r, c) float32;
     bend: (4,) float32, or empty for none.
     """
     half, none, level, top = np.float32(0.5), np.float32(0.0), codes.zero, codes.top
     for i in range(part.shape[0]):
-        first, last = _run(weight[i])
+        first, last = whole_run(weight[i])
         for j in range(first, last):
             source = np.float32(before[i, j])
             change = gain_less_one * (source - level)
             if len(bend):
-                wanted = _roll_off(source + change, bend[0], bend[1], bend[2], bend[3])
-                change = wanted - _roll_off(source, bend[0], bend[1], bend[2], bend[3])
+                wanted = rolled_off(source + change, bend[0], bend[1], bend[2], bend[3])
+                change = wanted - rolled_off(source, bend[0], bend[1], bend[2], bend[3])
             part[i, j] = np.int32(min(max(np.float32(part[i, j]) + weight[i, j] * change + half, none), top))
 
 
@@ -359,7 +361,7 @@ def mean_above(before: Samples, alpha: Floats, low: Grid) -> float:
     total, mass = np.float64(0.0), np.float64(0.0)
     for i in range(before.shape[0]):
         weight = alpha[i]
-        first, last = _run(weight)
+        first, last = whole_run(weight)
         of_row, mass_of_row = np.float32(0.0), np.float32(0.0)
         for j in range(first, last):
             of_row += weight[j] * (np.float32(before[i, j]) - field[i, j])
