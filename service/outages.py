@@ -16,6 +16,8 @@ _SQLITE_AWAY: Final = _SQLITE_LOCKED | {sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CAN
 #: SQLSTATEs, by their beginning: connection lost, no resources, server stops or starts, serialisation and deadlocks,
 #: a lock that is not had in time, a server that only reads since another took over, a transaction that stood still
 _SERVER_AWAY: Final = ("08", "53", "57", "40", "55P03", "25006", "25P03")
+#: errors of psycopg that have no SQLSTATE
+_OF_CONNECTIONS: Final = frozenset({"OperationalError", "InterfaceError", "ConnectionTimeout"})
 #: what a server that speaks English says of them; a connection that fails has no SQLSTATE
 _REFUSED: Final = re.compile(r"FATAL:.*(authentication failed|does not exist)|no password supplied")
 _SERVER_LOCKED: Final = "55P03"
@@ -78,8 +80,7 @@ def told(error: BaseException) -> dict[str, str]:
     """How a log line tells an error: its kind, and of a store's or the broker's also the reason.
 
     That is the end of its first line and what lies below it, without addresses, secrets and names of files. Of an
-    answer that is quoted there, only the status and its code are told. Of a
-    broker's error it is what led to it.
+    answer that is quoted there, only the status and its code are told. Of a broker's error it is what led to it.
     """
     kind = {"error": type(error).__name__}
     if type(error).__module__.startswith(_BROKERS):
@@ -118,16 +119,8 @@ def _is_away(error: BaseException | None, *, in_statement: bool) -> bool:
         return state.startswith(_SERVER_AWAY)
     # psycopg's errors without a state are of the connection itself, or of a statement that it does not send, as one of
     # too many parameters: the connection that such a one leaves is as good as before
-    return (
-        not in_statement
-        and type(error).__module__.startswith("psycopg")
-        and type(error).__name__
-        in {
-            "OperationalError",
-            "InterfaceError",
-            "ConnectionTimeout",
-        }
-    )
+    is_psycopg = type(error).__module__.startswith("psycopg")
+    return is_psycopg and type(error).__name__ in _OF_CONNECTIONS and not in_statement
 
 
 def _sqlite_code(error: BaseException | None) -> int | None:

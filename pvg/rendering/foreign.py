@@ -194,11 +194,9 @@ class _Window:
     @cached_property
     def _lips(self) -> Bools:
         """(r, c) what lies on the lips or beside them."""
-        outline = (self.landmarks.points[layout.LIPS_OUTER] - np.array(self.corner, np.float32)) / np.float32(
-            self.apart
-        )
+        outline = self.landmarks.points[layout.LIPS_OUTER] - np.array(self.corner, np.float32)
         lips = np.zeros(self._in_matte.shape, np.uint8)
-        cv2.fillPoly(lips, [fixed_point(outline)], 1, shift=SUBPIXEL_BITS)
+        cv2.fillPoly(lips, [fixed_point(outline / np.float32(self.apart))], 1, shift=SUBPIXEL_BITS)
         return np.asarray(cv2.dilate(lips, square(_LIPS * self._width / self.apart)), np.bool_)
 
     @cached_property

@@ -29,10 +29,8 @@ _TURNED_AWAY = (85.0, 112.0)  # degrees from the camera: seen up to the first, h
 _PICTURE_EDGE = 0.012  # of the face's width: seen from so far inside the picture on
 _MATTE = (0.2, 0.6)  # hidden below the first, seen from the second
 _MATTE_BLUR = 0.02  # of the face's width
-_REACH = (
-    0.2,
-    0.4,
-)  # of the face's width: a mask boundary nearer to the centre runs along something in front of the face
+# of the face's width: a mask boundary nearer to the centre runs along something in front of the face
+_REACH = (0.2, 0.4)
 _NEAR = 0.1  # of the face's width: what is nearer counts little more, so that no sample rules until it vanishes
 _OTHER_GROUP = 1e-3  # lips take from lips, skin from skin, while there are any
 _OWN = 1e-3  # where nothing at all is seen, a sample keeps its own value

@@ -196,20 +196,11 @@ def _network_against(output: NetworkOutput, raster: Raster, oval: Floats) -> Flo
 
 def _head_frame(head: HeadShape, ears: float) -> Floats:
     """(16,) float32, the head as `body_log_odds` measures it; what stands where is said there.  ears: their depth."""
-    ends = np.array(
-        [
-            head.size,
-            head.width / 2 / head.size + _BODY.head_beside,
-            head.height / 2 / head.size + _BODY.head_above,
-            head.height / 2 / head.size + _BODY.head_below,
-            head.width / 2 / head.size,
-            ears,
-        ],
-        np.float32,
-    )
-    return np.concatenate([head.chin, head.neck, head.middle, head.axes.across, head.axes.down, ends]).astype(
-        np.float32
-    )
+    half_width, half_height = head.width / 2 / head.size, head.height / 2 / head.size
+    around = half_width + _BODY.head_beside, half_height + _BODY.head_above, half_height + _BODY.head_below
+    ends = np.array([head.size, *around, half_width, ears], np.float32)
+    places = (head.chin, head.neck, head.middle, head.axes.across, head.axes.down)
+    return np.concatenate([*places, ends]).astype(np.float32)
 
 
 def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None:
