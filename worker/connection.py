@@ -51,10 +51,10 @@ def find() -> None:
 class PatientConsumer(Consumer):  # type: ignore[misc]
     """Celery's consumer, which waits a moment after a broker that can be reached and does not do what it is asked.
 
-    It knows its event loop after a lost connection too, which `worker.acknowledging` asks for.
-
     Celery connects again at once. A Redis that only reads, as after a failover or on a full disk, would be asked some
     times a second for as long as that lasts, with as many lines in the log.
+
+    It knows its event loop after a lost connection too, which `worker.acknowledging` asks for.
     """
 
     def connect(self) -> Any:

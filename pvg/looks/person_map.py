@@ -107,9 +107,8 @@ def _at_curves(skin: SkinMap) -> ColorMap:
 def _skin_map(key: KeyFrame, goal: Goal, warmth: int) -> SkinMap | None:
     """The smooth map of the transport of the open skin; None without enough of it on either side.
 
-    warmth: see `pvg.warmth`.
-
     A number for λ is the contrast of all that lies between the curves: neither features nor shade get deeper then.
+    warmth: see `pvg.warmth`.
     """
     if min(len(key.skin), len(goal.target.skin)) == 0:
         return None

@@ -129,11 +129,10 @@ class SkinMap:
     def _shifted(self, shade: float) -> Doubles:
         """A tone curve (256,) that makes skin as much brighter or darker as the middle of the face's skin.
 
-        shade: of the middle luma; what is darker goes through black.
-
         An ear or a neck is lit otherwise than the face, and keeps its difference to it. What is brighter than the
         middle comes no nearer to white than in proportion to how near it was. Deep shade goes through black, or along
         the face's own curve where that is brighter, as where a look makes skin darker than half.
+        shade: of the middle luma; what is darker is deep shade.
         """
         levels, middle = np.arange(256.0), self.own.middle
         bright = float(np.interp(middle, levels, self.tone))

@@ -228,9 +228,8 @@ class Renderer:
     def _placed_bodies(self, frame: Frame, faces: _Faces) -> list[tuple[int, PlacedBody]]:
         """(face, where the person's other skin is) of every face in the frame that a look draws with its body.
 
-        What is coloured as no skin is left out.
-        Where two persons' mattes overlap the first keeps what it has, so those that no look draws are placed too, as
-        far as one that is drawn comes after them.
+        What is coloured as no skin is left out. Where two persons' mattes overlap the first keeps what it has, so those
+        that no look draws are placed too, as far as one that is drawn comes after them.
         """
         placed_faces = [placed for _, placed, _ in faces]
         end = max((k for k, (face, _, _) in enumerate(faces, 1) if face in self._with_body), default=0)

@@ -230,8 +230,8 @@ class Frame:
     index: display order, from 0. pts: time stamp in units of the clip's time base. time_s: the same in seconds.
     duration: in units of the time base; 0 when the container does not say.
     planes: three (h, w) arrays, uint8 or uint16; chroma planes have their own size. Treat them as read-only.
-    alpha: (H, W) samples of the planes' type, 0 to 2^depth - 1, as stored beside
-    colours that are not premultiplied; None for an opaque picture. No look changes it.
+    alpha: (H, W) samples of the planes' type, 0 to 2^depth - 1, as stored beside colours that are not premultiplied;
+    None for an opaque picture. No look changes it.
     """
 
     index: int

@@ -106,7 +106,7 @@ class OpenClips:
         """The answer to a question about a clip, not checked, and where the file ``name`` that it makes is.
 
         The file is the caller's. Raises what `Session.ask` and `Storage.local_path` raise, and `TimeLimitError` too
-        when the clip's files have not come from an object store ``until`` then; they are kept for the next question.
+        when the clip's files have not come from an object store by ``until``; they are kept for the next question.
         """
         with self._lock:
             entry = self._entries.setdefault(clip.key, _Entry(clip))

@@ -2,8 +2,8 @@
 
 The worker keeps one *fork server*, which has loaded all libraries and never sees a medium. For each call of a job it
 forks a process that gives up what it does not need, does the call, and ends; one for previews stays a while, with one
-clip open. The pool child that supervises the job has
-the database and the storage, and never decodes anything. docs/security.md, docs/decisions/0019.
+clip open. The pool child that supervises the job has the database and the storage, and never decodes anything. See
+docs/security.md and docs/decisions/0019.
 """
 
 from __future__ import annotations

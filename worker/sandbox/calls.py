@@ -228,6 +228,7 @@ def _answers(
 def _draw(
     video: VectorVideo, looks: list[pvg.Look], arguments: Mapping[str, Any], progress: Progress
 ) -> list[tuple[str, ...]]:
+    """Draw the looks into ``paths``; for each what is not as in the clip or picture, a line each."""
     output, budget = arguments["output"], arguments["memory_bytes"]
     _check_drawing(video, Path(arguments["paths"][0]).suffix, arguments)
     options = {name: output[name] for name in ("codec", "crf", "preset", "audio")}

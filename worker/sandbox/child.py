@@ -27,8 +27,8 @@ def run(descriptor: int, calls: ModuleType, *, parent: int, lacking: Collection[
     """Do the one job that is asked for at the other end of the socket ``descriptor``; never returns.
 
     ``calls`` has CALLS and SESSIONS, functions by name, and `begin`; of a session the function answers with another,
-    which is asked until the supervisor has enough. ``lacking`` is what this machine cannot confine, and all
-    that may be missing. Nothing but the answer leaves this process.
+    which is asked until the supervisor has enough. ``lacking`` is what this machine cannot confine, and all that may be
+    missing. Nothing but the answer leaves this process.
     """
     code = 1
     try:

@@ -43,9 +43,8 @@ def _filter(state: Sequence[str] | str, metadata: Mapping[str, str] | None) -> P
 def delete(api: Api, thing: Medium | Result | Job | Upload | str, *, cancel_jobs: bool = False) -> Flow[None]:
     """Delete a video or reference with everything derived from it, a job that has ended with its results, or a result.
 
-    Of an upload goes what has arrived, and not the medium that it has become.
-
-    Jobs that need a medium refuse, or are canceled with ``cancel_jobs``.
+    Of an upload goes what has arrived, and not the medium that it has become. Jobs that need a medium refuse, or are
+    canceled with ``cancel_jobs``.
     """
     params = [("cancel_jobs", "true")] if cancel_jobs else []
     thing_id = id_of(thing)

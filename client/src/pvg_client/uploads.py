@@ -49,10 +49,9 @@ def upload(
 
     What arrives is checked against the file's sha256. With ``resume``, which is the default from 32 MiB on, it goes in
     pieces: a broken connection costs one of them, and calling this again for the same file, also in another process,
-    goes on where the last one ended. A URL is at a public address; it has been fetched when the call comes back.
-    With one of `uploads` as ``resume`` that one goes on, for what was said when it was begun: nothing but the file is
-    given beside it.
-    ``webhook`` is the address that is told when the file is vectorised, or has failed.
+    goes on where the last one ended. With one of `uploads` as ``resume`` that one goes on, for what was said when it
+    was begun: nothing but the file is given beside it. A URL is at a public address; it has been fetched when the call
+    comes back. ``webhook`` is the address that is told when the file is vectorised, or has failed.
 
     Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file
     cannot be read, `ValueError` when it is given neither a file nor a URL, or both, for another role, or for a file
