@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import mmap
-import struct
 import time
 from typing import Any, Final
 
 from celery import bootsteps
 from celery.worker.consumer import Consumer
 from kombu.asynchronous import set_event_loop
+
+from worker.shared_moment import SharedMoment
 
 #: seconds for which a broker may be away before a worker says that it lacks it: restarts take less, and lose nothing
 TOLERATED_S: Final = 60.0
@@ -26,26 +26,24 @@ SETTINGS: Final[dict[str, Any]] = {
     "broker_connection_max_retries": None,
 }
 
-#: since when there has been no connection, by the steady clock; a page that every process forked from here shares
-_page: Final = mmap.mmap(-1, 8)
-_TIME: Final = struct.Struct("d")
+#: since when there has been no connection
+_lost: Final = SharedMoment()
 
 
 def is_missed() -> bool:
     """The consumer has been without its broker for too long, counted from when it first looked for it."""
-    since: float = _TIME.unpack_from(_page, 0)[0]
-    return bool(since) and time.monotonic() - since > TOLERATED_S
+    since = _lost.at
+    return since is not None and time.monotonic() - since > TOLERATED_S
 
 
 def lose() -> None:
     """There is no connection; says nothing new when there was none."""
-    if not _TIME.unpack_from(_page, 0)[0]:
-        _TIME.pack_into(_page, 0, time.monotonic())
+    _lost.begin(time.monotonic())
 
 
 def find() -> None:
     """The consumer asks its broker for messages."""
-    _TIME.pack_into(_page, 0, 0.0)
+    _lost.clear()
 
 
 class PatientConsumer(Consumer):  # type: ignore[misc]

@@ -6,10 +6,8 @@ Celery's warm shutdown waits for the children without end and tells them nothing
 from __future__ import annotations
 
 import logging
-import mmap
 import os
 import signal
-import struct
 import threading
 import time
 from typing import Final
@@ -17,12 +15,12 @@ from typing import Final
 import structlog
 from billiard.exceptions import WorkerLostError
 
+from worker.shared_moment import SharedMoment
+
 log = structlog.get_logger(__name__)
 
-#: when the worker was told to stop, by the steady clock; a page that every process forked from here shares
-_page: Final = mmap.mmap(-1, 8)
-_TIME: Final = struct.Struct("d")
-
+#: when the worker was told to stop
+_asked: Final = SharedMoment()
 
 #: seconds after which a worker that was told to stop takes no more messages: its loop looks that often
 _SETTLED_S: Final = 2.2
@@ -39,14 +37,12 @@ class StoppedError(Exception):
 
 def ask() -> None:
     """Tell this process, and those forked from it, to stop."""
-    if asked_at() is None:
-        _TIME.pack_into(_page, 0, time.monotonic())
+    _asked.begin(time.monotonic())
 
 
 def asked_at() -> float | None:
     """When the worker was told to stop, by `time.monotonic`; None while it was not."""
-    at: float = _TIME.unpack_from(_page, 0)[0]
-    return at or None
+    return _asked.at
 
 
 def check() -> None:

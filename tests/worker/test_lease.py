@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import mmap
 import time
 from types import SimpleNamespace
 
@@ -14,6 +13,7 @@ from tests.waiting import until
 from worker import lease as lease_module
 from worker import stopping
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
+from worker.shared_moment import SharedMoment
 from worker.stopping import StoppedError
 
 QUICK = Settings(lease_s=0.6, heartbeat_s=0.1, progress_interval_s=0.05, max_outage_s=1)
@@ -145,7 +145,7 @@ def test_a_worker_that_has_to_stop_gives_back_all_but_what_is_about_to_end(
 ) -> None:
     now = time.monotonic()
     assert stopping.may_go_on(now - 60, 0.0, grace_s=0)
-    monkeypatch.setattr(stopping, "_page", mmap.mmap(-1, 8))
+    monkeypatch.setattr(stopping, "_asked", SharedMoment())
     monkeypatch.setattr(stopping, "time", SimpleNamespace(monotonic=lambda: now))
     stopping.ask()
     assert not stopping.may_go_on(now - 60, 0.5, grace_s=10)  # another minute
@@ -174,7 +174,7 @@ def test_a_job_is_given_back_before_its_work_has_noticed(
     settings = QUICK.model_copy(update={"worker_stop_grace_s": 0})
     with LeaseKeeper(database, lease, settings, give_back) as keeper:
         keeper.check()
-        monkeypatch.setattr(stopping, "_page", mmap.mmap(-1, 8))
+        monkeypatch.setattr(stopping, "_asked", SharedMoment())
         stopping.ask()
         until(lambda: job_of(database, lease.job_id).state == "queued")
         with pytest.raises(StoppedError):
