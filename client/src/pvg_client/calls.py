@@ -179,6 +179,11 @@ def _origin(url: httpx.URL) -> tuple[str, str, int | None]:
     return url.scheme, url.host, url.port
 
 
+def of_metadata(metadata: Mapping[str, str] | None) -> Params:
+    """Metadata as a query has them, a pair each."""
+    return [("metadata", f"{name}:{value}") for name, value in (metadata or {}).items()]
+
+
 def once(key: str | None) -> dict[str, str]:
     """The header that lets a POST be sent again: of the caller's own key, or of a new one."""
     return {"Idempotency-Key": key or str(uuid.uuid4())}

@@ -17,7 +17,7 @@ from pvg_client.calls import Api, Flow, Patience, asked, attempt, headed, once, 
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import PartFile, local_name, sha256_of, there_already
 from pvg_client.media import path_of
-from pvg_client.models import Body, Extra, JobLook, Link, Medium, Result
+from pvg_client.models import Body, Extra, JobLook, Link, Medium, Result, said
 from pvg_client.paths import path_to
 
 #: of a file: its sha256; a proxy that packs answers makes it a weak one
@@ -87,14 +87,13 @@ def link(
     It is good for an hour, or ``expires_in_s``, up to 7 days, and not longer than the file is kept.
     """
     given: dict[str, Any] = {"expires_in_s": expires_in_s, "part": part, "person": person}
-    body = {name: value for name, value in given.items() if value is not None}
     result_id = result if isinstance(result, str) else _of_look(result).id
     path = path_to("results", result_id, "link")
 
     def read(made: Body) -> Link:
         return Link(str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"]))
 
-    return (yield from asked(api, read, "POST", path, body=body, headers=once(idempotency_key)))
+    return (yield from asked(api, read, "POST", path, body=said(given), headers=once(idempotency_key)))
 
 
 def _of_look(result: Result | JobLook) -> Result:

@@ -7,9 +7,9 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal
 
-from pvg_client.calls import Api, Flow, Params, Pause, asked, once
+from pvg_client.calls import Api, Flow, Params, Pause, asked, of_metadata, once
 from pvg_client.errors import JobFailed
-from pvg_client.models import Job, Look, Medium, id_of
+from pvg_client.models import Job, Look, Medium, id_of, said
 from pvg_client.pages import Listing, each
 from pvg_client.paths import path_to
 from pvg_client.progress import Bar
@@ -84,8 +84,8 @@ def _rest(
     force: bool,
 ) -> dict[str, Any]:
     told = {"url": webhook} if isinstance(webhook, str) else webhook
-    given = {"output": output, "webhook": told, "metadata": metadata, "force": force or None}
-    return {name: value for name, value in given.items() if value is not None}
+    given: dict[str, Any] = {"output": output, "webhook": told, "metadata": metadata, "force": force or None}
+    return said(given)
 
 
 def job(api: Api, job_id: Job | str) -> Flow[Job]:
@@ -108,8 +108,7 @@ def jobs(
     params += [("video", id_of(video))] if video is not None else []
     params += [("reference", id_of(reference))] if reference is not None else []
     params += [("state", one) for one in each(state)] + [("kind", one) for one in each(kind)]
-    params += [("metadata", f"{name}:{value}") for name, value in (metadata or {}).items()]
-    return Listing("/jobs", params, Job.of)
+    return Listing("/jobs", params + of_metadata(metadata), Job.of)
 
 
 def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: float | None = None) -> Flow[Job]:

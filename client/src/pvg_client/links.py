@@ -13,7 +13,7 @@ import httpx
 from pvg_client.calls import Api, FilePart, Flow, Patience, answered, asked, attempt, body_of, once, worked
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.files import about_file, sha256_of
-from pvg_client.models import Body, Role, Upload, UploadLink
+from pvg_client.models import Body, Role, Upload, UploadLink, said
 from pvg_client.pages import Listing
 from pvg_client.paths import path_to
 
@@ -49,13 +49,12 @@ def upload_link(
         "matching": matching,
         "input_color": input_color,
     }
-    body = {name: value for name, value in given.items() if value is not None}
 
     def read(made: Body) -> UploadLink:
         url, expires_at = str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"])
         return UploadLink(made["id"], url, expires_at, made.get("max_bytes"))
 
-    return (yield from asked(api, read, "POST", "/uploads/link", body=body, headers=once(idempotency_key)))
+    return (yield from asked(api, read, "POST", "/uploads/link", body=said(given), headers=once(idempotency_key)))
 
 
 def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) -> Flow[Upload]:

@@ -7,7 +7,7 @@ from typing import Final
 
 import httpx
 
-from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt, understood
+from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt, of_metadata, understood
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Job, Medium, Result, Upload, id_of, role_of
 from pvg_client.pages import Listing, each
@@ -36,8 +36,7 @@ def references(
 
 
 def _filter(state: Sequence[str] | str, metadata: Mapping[str, str] | None) -> Params:
-    params: Params = [("state", one) for one in each(state)]
-    return [*params, *(("metadata", f"{name}:{value}") for name, value in (metadata or {}).items())]
+    return [("state", one) for one in each(state)] + of_metadata(metadata)
 
 
 def delete(api: Api, thing: Medium | Result | Job | Upload | str, *, cancel_jobs: bool = False) -> Flow[None]:

@@ -9,10 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from datetime import datetime
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar
 
 Role = Literal["video", "reference"]
 Body = Mapping[str, Any]
+T = TypeVar("T")
+
+
+def said(given: Mapping[str, T | None]) -> dict[str, T]:
+    """What of a request is said: what is None is left to the service."""
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _known(cls: Any, body: Body) -> dict[str, Any]:
@@ -179,10 +185,8 @@ class Look:
 
     def body(self) -> dict[str, Any]:
         """The look as the service reads it."""
-        given = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {name: value for name, value in given.items() if value is not None} | {
-            "reference": id_of(self.reference)
-        }
+        given: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
+        return said(given) | {"reference": id_of(self.reference)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import httpx
 
 from pvg_client.calls import Api, Flow, answered, understood
 from pvg_client.media import path_of
-from pvg_client.models import Look, Medium, id_of
+from pvg_client.models import Look, Medium, id_of, said
 from pvg_client.paths import path_to
 
 Layer = Literal["image", "landmarks", "mask", "matte", "curves", "low", "high"]
@@ -46,7 +46,7 @@ def preview(
         "max_width": max_width,
         "format": format,
     }
-    body = {"video": id_of(video)} | {name: value for name, value in given.items() if value is not None}
+    body = {"video": id_of(video)} | said(given)
     # it changes nothing, so that it may be sent again without a key
     return (yield from _asked(api, api.request("POST", "/preview", body=body)))
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Final, Literal, get_args
 
 from pvg_client import tus
-from pvg_client.calls import Api, FilePart, Flow, Params, answered, body_of, once, worked
+from pvg_client.calls import Api, FilePart, Flow, Params, answered, body_of, of_metadata, once, worked
 from pvg_client.errors import DamagedError
 from pvg_client.files import about_file, sha256_of
 from pvg_client.media import medium
-from pvg_client.models import Medium, Role, Upload
+from pvg_client.models import Medium, Role, Upload, said
 
 #: from this size on a file goes in pieces when nothing else is said
 RESUMABLE_BYTES: Final = 32 * 1024**2
@@ -60,15 +60,14 @@ def upload(
     `DamagedError`: where the service has made a medium of them it names that, and calling this again sends the file as
     it is then, if with another ``idempotency_key``.
     """
-    settings = {"mask": mask, "matching": matching, "input_color": input_color}
-    said = {name: value for name, value in settings.items() if value is not None}
-    given = _Asked(role, said, metadata or {}, webhook)
+    settings = said({"mask": mask, "matching": matching, "input_color": input_color})
+    given = _Asked(role, settings, metadata or {}, webhook)
     if (file is None) == (url is None):
         raise ValueError("give a file, or a url")
     if role not in get_args(Role):
         raise ValueError(f"there is no role {role!r}: a file is a video or a reference")
     if isinstance(resume, Upload):
-        if file is None or said or metadata or webhook is not None or idempotency_key is not None:
+        if file is None or settings or metadata or webhook is not None or idempotency_key is not None:
             raise ValueError("what an upload is for was said when it was begun: give the file alone")
         return (yield from _on_with(api, Path(file), resume))
     if file is None:
@@ -91,7 +90,7 @@ def _from_url(api: Api, url: str | None, given: _Asked, key: str | None) -> Flow
 def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, key: str | None) -> Flow[Medium]:
     params: Params = [
         *given.settings.items(),
-        *(("metadata", f"{name}:{value}") for name, value in given.metadata.items()),
+        *of_metadata(given.metadata),
         *([] if given.webhook is None else [("webhook", given.webhook)]),
     ]
     headers = about_file(path, size_bytes, sha256) | once(key)
