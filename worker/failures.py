@@ -19,6 +19,7 @@ from worker.sandbox import (
     MethodError,
     NoRoomError,
     TimeLimitError,
+    with_causes,
 )
 
 
@@ -134,12 +135,7 @@ def is_expected(error: Exception) -> bool:
 
 def lacks_room(error: BaseException) -> bool:
     """True when an error, or one that led to it, is that of a full disk."""
-    seen: BaseException | None = error
-    while seen is not None:
-        if isinstance(seen, NoRoomError) or is_disk_full(seen):
-            return True
-        seen = seen.__cause__ or seen.__context__
-    return False
+    return any(isinstance(one, NoRoomError) or is_disk_full(one) for one in with_causes(error))
 
 
 def without_files(error: MethodError, media: Iterable[Media], keys: Mapping[Path, str]) -> MethodError:

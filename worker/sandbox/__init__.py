@@ -22,6 +22,7 @@ from worker.sandbox.client import (
     Watch,
 )
 from worker.sandbox.confinement import Limits, View
+from worker.sandbox.faults import with_causes
 from worker.sandbox.keeper import SandboxServer
 
 __all__ = [
@@ -39,4 +40,5 @@ __all__ = [
     "UnforkedError",
     "View",
     "Watch",
+    "with_causes",
 ]

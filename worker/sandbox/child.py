@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from worker.sandbox.channel import Receiver, send
 from worker.sandbox.confinement import Limits, View, confine
-from worker.sandbox.faults import chain, fault_of
+from worker.sandbox.faults import fault_of, with_causes
 
 _PROGRESS_S = 0.1  # between two reports of one stage
 _SHOWN_CHARACTERS = 4000
@@ -104,7 +104,7 @@ def _progress_to(channel: socket.socket) -> Callable[[str, int, int], None]:
 
 def _described(error: BaseException) -> dict[str, Any]:
     """What the supervisor is told. Which limit was met is only seen here, where the libraries say so."""
-    links = chain(error)
+    links = with_causes(error)
     numbers = {getattr(link, "errno", None) for link in links}
     shown = "".join(traceback.format_exception(error))
     return {

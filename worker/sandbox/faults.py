@@ -11,7 +11,7 @@ Fault = Literal["certain", "possible"]
 AWAY: Final = frozenset({errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.ENOTCONN, errno.EROFS})
 
 
-def chain(error: BaseException) -> list[BaseException]:
+def with_causes(error: BaseException) -> list[BaseException]:
     """An error, and those that led to it."""
     links: list[BaseException] = []
     one: BaseException | None = error
@@ -23,7 +23,7 @@ def chain(error: BaseException) -> list[BaseException]:
 
 def fault_of(error: BaseException) -> Fault | None:
     """Whether an error is that of a disk or a shared folder; None when it is not."""
-    found = {_fault_of(link) for link in chain(error)}
+    found = {_fault_of(link) for link in with_causes(error)}
     return "certain" if "certain" in found else "possible" if "possible" in found else None
 
 
