@@ -79,22 +79,29 @@ class Reaper:
                 step()
             except Exception as error:
                 is_whole = False
-                if is_partly_locked(error) and step != self.revive:  # workers renew their leases all the same
-                    log.warning("others keep what the reaper waits for", step=step.__name__)
-                elif is_disk_full(error):
-                    if step == self.revive and isinstance(error, DBAPIError):  # workers cannot renew theirs either
-                        self._spare_leases()
+                if self._failed(step, error, began):
                     full.append(step.__name__)
-                elif is_outage(error):
-                    if step == self.revive or not self._answered_since(began):
-                        self._spare_leases()
-                    log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
-                else:
-                    log.exception("a step of the reaper failed", step=step.__name__)
         self._say_full(full)
         self._rested_at = time.monotonic()
         if is_whole:
             self._whole_at = self._rested_at
+
+    def _failed(self, step: Callable[[], object], error: Exception, began: float) -> bool:
+        """Log why a step failed, and spare leases that could not be renewed meanwhile. Whether the disk is full."""
+        is_revival = step == self.revive
+        if is_disk_full(error):
+            if is_revival and isinstance(error, DBAPIError):  # workers cannot renew theirs either
+                self._spare_leases()
+            return True  # all such steps are told in one line, see `_say_full`
+        if is_partly_locked(error) and not is_revival:  # workers renew their leases all the same
+            log.warning("others keep what the reaper waits for", step=step.__name__)
+        elif is_outage(error):
+            if is_revival or not self._answered_since(began):
+                self._spare_leases()
+            log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
+        else:
+            log.exception("a step of the reaper failed", step=step.__name__)
+        return False
 
     def _say_full(self, steps: list[str]) -> None:
         """Log which steps had no room on the disk, once for as long as they are the same."""
