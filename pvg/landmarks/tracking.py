@@ -291,6 +291,16 @@ class FaceTracker:
         enough = MIN_SEEN if end is None else min(MIN_SEEN, max(self._min_seen_in_shot, end - begin))
         return track.is_confident(min(enough, self.frame_count) if finished else enough)
 
+    def end(self) -> None:
+        """Close what is still open: there are no more frames."""
+        self.closed += self.open
+        self.open = []
+
+    def take_closed(self) -> list[OpenTrack]:
+        """The tracks that have ended since they were taken before; `result` has none of them then."""
+        closed, self.closed = self.closed, []
+        return closed
+
     def result(self) -> FaceTracks:
         """All tracks without those too short or too doubtful to be a face."""
         every = self.closed + self.open

@@ -148,8 +148,7 @@ class Following:
             settled = self._settled(index + 1)
             self._forget(settled)
             yield Advance(settled, tuple(stretches))
-        self._tracker.closed += self._tracker.open
-        self._tracker.open = []
+        self._tracker.end()
         self._finished = True
         yield Advance(self.frame_count, tuple(self._close()))
 
@@ -218,8 +217,7 @@ class Following:
 
     def _close(self) -> list[Stretch]:
         """Settle all that is left of the tracks that ended."""
-        closed = {id(track) for track in self._tracker.closed}
-        self._tracker.closed = []
+        closed = {id(track) for track in self._tracker.take_closed()}
         ended = [course for course in self._courses if id(course.track) in closed]
         self._courses = [course for course in self._courses if id(course.track) not in closed]
         out = []
