@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pvg.curves import CHAIN_RESET_FRAMES, Matching
+from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack
 from pvg.skin import MaskMethod
+from pvg.vectorization.face_messages import no_usable_face
 from pvg.vectorization.shared_threads import SharedThreads
+from pvg.vectorization.source_reader import SourceReader
 from pvg.vectorization.stretch import KeyView
 from pvg.vectorization.vector_face import VectorFace
 
@@ -43,6 +46,20 @@ class FaceMaker:
             mask=self.mask,
             seed=self.seed,
             reset=CHAIN_RESET_FRAMES if self.is_chain else None,
+            advised_px=self.advised_face_px,
+        )
+
+    def no_usable_face(
+        self, source: SourceReader, frame_count: int, *, widest: float, too_brief: bool
+    ) -> NoFaceError | FaceTooSmallError:
+        """The error for a clip or image without a face that these settings take, see `face_messages`."""
+        return no_usable_face(
+            source.path.name,
+            frame_count,
+            widest=widest,
+            too_brief=too_brief,
+            image=source.is_image,
+            min_px=self.min_face_px,
             advised_px=self.advised_face_px,
         )
 

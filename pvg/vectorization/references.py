@@ -10,7 +10,7 @@ from pvg.picture import Picture
 from pvg.skin import Matte, SceneReader, haze_over
 from pvg.vectorization.best_row import best_row
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
-from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
+from pvg.vectorization.face_messages import over_limit_warning
 from pvg.vectorization.source_reader import SourceReader
 from pvg.vectorization.stretch import KeyView
 from pvg.vectorization.vector_face import VectorFace
@@ -85,12 +85,4 @@ def _check_width(source: SourceReader, maker: FaceMaker, found: FaceTracks) -> N
     """Raise `NoFaceError` or `FaceTooSmallError` unless one face is wide enough."""
     widest = _widest(found)
     if widest < maker.min_face_px:
-        raise no_usable_face(
-            source.path.name,
-            found.frame_count,
-            widest=widest,
-            too_brief=found.too_brief,
-            image=source.is_image,
-            min_px=maker.min_face_px,
-            advised_px=maker.advised_face_px,
-        )
+        raise maker.no_usable_face(source, found.frame_count, widest=widest, too_brief=found.too_brief)

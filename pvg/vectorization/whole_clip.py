@@ -12,7 +12,7 @@ from pvg.landmarks import FaceTrack
 from pvg.picture import Picture
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
-from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
+from pvg.vectorization.face_messages import over_limit_warning
 from pvg.vectorization.fading import opacity
 from pvg.vectorization.following import CHUNK, DeferredTrack, Following
 from pvg.vectorization.source_reader import SourceReader
@@ -44,15 +44,7 @@ def follow_all_faces(source: SourceReader, maker: FaceMaker, writer: AssetWriter
         tracks = dict(enumerate(deferred, first))
         faces |= _second_reading(source, maker, following, tracks, shots, writer)
     if not faces:
-        raise no_usable_face(
-            source.path.name,
-            frame_count,
-            widest=widest,
-            too_brief=following.too_brief,
-            image=source.is_image,
-            min_px=maker.min_face_px,
-            advised_px=maker.advised_face_px,
-        )
+        raise maker.no_usable_face(source, frame_count, widest=widest, too_brief=following.too_brief)
     return FoundFaces(tuple(faces.values()), shots, frame_count)
 
 
