@@ -10,7 +10,6 @@ import re
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -23,17 +22,14 @@ from pvg.asset import VectorVideo, check_vectorized
 from pvg.haze import cleared
 from pvg.looks import CUBE_SIZE, Look, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.rendering.canvas import Canvas, frame_of_file, stored_canvas
+from pvg.rendering.matte_files import MATTES, MatteFormat, MatteWriter, matte_name, matte_writer
 from pvg.rendering.passes import Progress
 from pvg.rendering.renderer import Renderer
-from pvg.video import ColorSpace, Frame, MediaInfo, PixelFormat, VideoWriter, write_image
+from pvg.video import ColorSpace
 
 SuiteFile = Literal["cube", "matte"]
 SUITE_FILES: tuple[SuiteFile, ...] = ("cube", "matte")
-MATTES = ("ffv1", "prores", "png")
-MatteFormat = Literal["ffv1", "prores", "png"]
 
-_GREY = PixelFormat("yuv420p", 8, (1, 1), (0.2126, 0.0722), True)
-_WITH_ALPHA = PixelFormat("yuv444p10le", 10, (0, 0), (0.2126, 0.0722), False)
 _NUMBERED = re.compile(r"\d{6,}\.png")
 _WITHIN = 0.9  # of the matte: pixels whose change is all the look's
 _README = "look-README.txt"
@@ -89,15 +85,15 @@ def export(
     if not persons:
         raise ValueError("the look has no map of colour for any face of the clip: there is nothing to export")
     ends = [""] if len(persons) == 1 else [f"-{k + 1}" for k in range(len(persons))]
-    names = [f"look{end}.cube" for end in ends if "cube" in parts]
-    names += [_matte_name(end, matte, canvas.info) for end in ends if "matte" in parts]
-    _check_targets(folder, [*names, _README], read)
+    cube_names = [f"look{end}.cube" for end in ends] if "cube" in parts else []
+    matte_names = [matte_name(end, matte, canvas.info) for end in ends] if "matte" in parts else []
+    _check_targets(folder, [*cube_names, *matte_names, _README], read)
     with _made(folder), tempfile.TemporaryDirectory(prefix=".look-", dir=folder) as name:
         drafts = Path(name)
-        cubes = [drafts / f"look{end}.cube" for end in ends] if "cube" in parts else []
+        cubes = [drafts / one for one in cube_names]
         for faces, path in zip(persons, cubes, strict=False):
             write_cube(path, _cube(video, look, renderer, faces, canvas.info.format.color, size), path.stem)
-        writers = [_writer(drafts, end, matte, canvas.info) for end in ends] if "matte" in parts else []
+        writers = [matte_writer(drafts, end, matte, canvas.info) for end in ends] if "matte" in parts else []
         if writers:
             _write_mattes(canvas, renderer, persons, writers, progress)
         mattes = [writer.path for writer in writers]
@@ -187,7 +183,7 @@ def _write_mattes(
     canvas: Canvas,
     renderer: Renderer,
     persons: list[list[int]],
-    writers: Sequence[_PictureWriter | _ClipWriter],
+    writers: Sequence[MatteWriter],
     progress: Progress | None,
 ) -> None:
     """The matte of each person, in one reading of the clip."""
@@ -229,72 +225,3 @@ def _cube(
     before, after = (cleared(np.asarray(picture.rgb()[skin], np.float64), one.haze) for picture in (frame, drawn))
     lacks = remainder_by_luma(one.skin, one.strength, before, after) if skin.any() else None
     return look_cube(one.skin, one.strength, space, size, lacks, haze=one.haze)
-
-
-class _PictureWriter:
-    """Mattes as PNG pictures: one for a picture, a numbered sequence for a clip."""
-
-    def __init__(self, path: Path, *, numbered: bool) -> None:
-        self.path, self._numbered = path, numbered
-
-    def __enter__(self) -> _PictureWriter:
-        if self._numbered:
-            self.path.mkdir(exist_ok=True)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Nothing is held."""
-
-    def write(self, frame: Frame, alpha: Floats) -> None:
-        """Write the matte of one frame."""
-        grey = np.rint(alpha * 255.0).astype(np.uint8)
-        path = self.path / f"{frame.index:06d}.png" if self._numbered else self.path
-        write_image(path, np.repeat(grey[..., None], 3, axis=-1))
-
-
-class _ClipWriter:
-    """Mattes as a clip with the time stamps of the source."""
-
-    def __init__(self, path: Path, info: MediaInfo, pixel_format: PixelFormat, codec: str) -> None:
-        self.path, self._format = path, pixel_format
-        self._info = replace(
-            info,
-            format=pixel_format,
-            has_audio=False,
-            has_alpha=codec == "prores4444",
-            color_matrix=1,
-            color_primaries=1,
-            color_transfer=1,
-            color_range=2 if pixel_format.full_range else 1,
-        )
-        self._writer = VideoWriter(path, self._info, pixel_format, codec=codec)
-
-    def __enter__(self) -> _ClipWriter:
-        self._writer.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._writer.__exit__(*error)  # type: ignore[arg-type]
-
-    def write(self, frame: Frame, alpha: Floats) -> None:
-        """Write the matte of one frame."""
-        planes = self._format.from_rgb(np.repeat(alpha[..., None] * 255.0, 3, axis=-1))
-        top = 2**self._format.depth - 1
-        full = np.rint(alpha * top).astype(planes[0].dtype) if self._info.has_alpha else None
-        drawn = Frame(frame.index, frame.pts, frame.time_s, self._format, planes, frame.duration, alpha=full)
-        self._writer.write(drawn)
-
-
-def _matte_name(end: str, matte: str, info: MediaInfo) -> str:
-    if info.kind == "image":
-        return f"matte{end}.png"
-    return f"matte{end}" + {"png": "", "prores": ".mov", "ffv1": ".mkv"}[matte]
-
-
-def _writer(folder: Path, end: str, matte: str, info: MediaInfo) -> _PictureWriter | _ClipWriter:
-    path = folder / _matte_name(end, matte, info)
-    if info.kind == "image" or matte == "png":
-        return _PictureWriter(path, numbered=info.kind != "image")
-    if matte == "prores":
-        return _ClipWriter(path, info, _WITH_ALPHA, "prores4444")
-    return _ClipWriter(path, info, _GREY, "ffv1")
