@@ -14,6 +14,7 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg._compiled import kernel
 from pvg.face import PARTS, Landmarks, add_cover, feather, part_outlines, taken
+from pvg.membrane import Lattice
 from pvg.rendering.correction import Correction
 
 
@@ -31,23 +32,28 @@ def with_parts(
     if not any(change is not None and change.any() for change in changes):
         return list(corrections)
     lattice = corrections[0].lattice
-    covers: dict[int, Floats] = {}
+    covers: dict[int, Floats] = {}  # the same for all looks
     out = []
     for correction, change in zip(corrections, changes, strict=True):
-        shift = correction.shift
-        if change is not None and change.any():
+        shift, changed = correction.shift, [] if change is None else np.flatnonzero(change.any(axis=1)).tolist()
+        if change is not None and changed:
             shift = shift.copy()
-            for p in np.flatnonzero(change.any(axis=1)).tolist():
+            for p in changed:
                 if p not in covers:
-                    covers[p] = np.zeros((lattice.height, lattice.width), np.float32)
-                    soft = feather(PARTS[p], landmarks)
-                    outlines, shares = part_outlines(PARTS[p], landmarks), taken(PARTS[p], landmarks)
-                    add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft, shares)
-                    if PARTS[p] == "lips" and lips is not None:
-                        covers[p] *= lips
+                    covers[p] = _cover(PARTS[p], landmarks, lattice, lips)
                 add_part(shift, np.asarray(change[p], np.float32), covers[p])
         out.append(replace(correction, shift=shift))
     return out
+
+
+def _cover(part: str, landmarks: Landmarks, lattice: Lattice, lips: Floats | None) -> Floats:
+    """(h, w) float32 in [0, 1], how far a part covers each node of a lattice;  lips: see `with_parts`."""
+    cover = np.zeros((lattice.height, lattice.width), np.float32)
+    outlines, shares = part_outlines(part, landmarks), taken(part, landmarks)
+    add_cover(cover, outlines, (lattice.x, lattice.y), lattice.step, feather(part, landmarks), shares)
+    if part == "lips" and lips is not None:
+        cover *= lips
+    return cover
 
 
 @kernel()
