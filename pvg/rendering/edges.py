@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bytes, Floats
+from pvg.asset import VectorVideo
 from pvg.raster import Raster, square
 from pvg.rendering import _edge_kernels as kernels
 from pvg.rendering.placed_face import PlacedFace
@@ -52,6 +53,11 @@ _RULE = kernels.LineRule(
 _CROSS = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _SKIN, _AROUND = 1, 2  # kinds of cells, see `kernels.gather`
+
+
+def follows_edges(video: VectorVideo) -> bool:
+    """Whether the mattes of a clip's faces follow the picture's edges: the paper's rule knows no soft ones."""
+    return bool(video.settings["mask"] == "landmarks")
 
 
 def follow_edges(face: PlacedFace, frame: Frame) -> PlacedFace:

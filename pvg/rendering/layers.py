@@ -14,7 +14,7 @@ from pvg.landmarks import draw_landmarks
 from pvg.picture import slices_of
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.clip import placed_faces, source_frame
-from pvg.rendering.edges import follow_edges
+from pvg.rendering.edges import follow_edges, follows_edges
 from pvg.rendering.placed_body import PlacedBody, place_body
 from pvg.rendering.placed_face import PlacedFace, add_alpha, divide_overlaps
 from pvg.video import Frame
@@ -37,7 +37,7 @@ def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = No
     frame = source_frame(video, index) if frame is None else frame
     if name == "matte":
         faces = [placed for _, placed in placed_faces(video, index)]
-        if video.settings["mask"] == "landmarks":
+        if follows_edges(video):
             faces = [follow_edges(placed, frame) for placed in faces]
         return _matte(frame, divide_overlaps(faces))
     image = frame.rgb()

@@ -20,7 +20,7 @@ from pvg.rendering.blocks import Blocks
 from pvg.rendering.body import apply_body
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import CurveCorrection, at_curves, extend
-from pvg.rendering.edges import follow_edges
+from pvg.rendering.edges import follow_edges, follows_edges
 from pvg.rendering.foreground import foreground
 from pvg.rendering.foreign import own_tables, skin_of, without_foreign
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
@@ -147,7 +147,7 @@ class Renderer:
         self.video = video
         self.looks = tuple(looks)
         faces = sorted({face for look in looks for face in look.colors})
-        self._follows = video.settings["mask"] == "landmarks"  # the paper's rule knows no soft edges
+        self._follows = follows_edges(video)
         # numbers, since one look may be asked for twice
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
         self._with_body: dict[int, list[int]] = {}
