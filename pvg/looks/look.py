@@ -101,18 +101,20 @@ class Look:
         for name, of_faces in (("colors", self.colors), ("parts", self.parts)):
             object.__setattr__(self, name, {face: np.asarray(one, np.float32) for face, one in of_faces.items()})
         object.__setattr__(self, "protect", protected(self.protect))
-        given = self.contrast
-        if isinstance(given, Mapping):
-            if missing := sorted(set(self.colors) - set(given)):
-                raise ValueError(f"contrast has nothing for face {missing[0]}")
-            checked: float | dict[int, FaceContrast] = {face: _contrast(one) for face, one in given.items()}
-        else:
-            checked = real_number("contrast", given, *CONTRAST_RANGE)
-        by_map = [] if isinstance(checked, float) else [face for face, one in checked.items() if one == "map"]
+        contrast = self._checked_contrast()
+        by_map = [] if isinstance(contrast, float) else [face for face, one in contrast.items() if one == "map"]
         for what, faces in (('contrast is "map"', by_map), ("its body goes along", self.body)):
             if missing := sorted(set(faces) - set(self.maps)):
                 raise ValueError(f"maps has nothing for face {missing[0]}, but {what}")
-        object.__setattr__(self, "contrast", checked)
+        object.__setattr__(self, "contrast", contrast)
+
+    def _checked_contrast(self) -> float | dict[int, FaceContrast]:
+        """λ as a number, or of each face. Raises `ValueError` for what is none, and where a face has none."""
+        if not isinstance(self.contrast, Mapping):
+            return real_number("contrast", self.contrast, *CONTRAST_RANGE)
+        if missing := sorted(set(self.colors) - set(self.contrast)):
+            raise ValueError(f"contrast has nothing for face {missing[0]}")
+        return {face: _contrast(one) for face, one in self.contrast.items()}
 
     def __repr__(self) -> str:
         return f"<Look of {len(self.colors)} faces>"
