@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from service.errors import ALSO_OF_FAILED, PROBLEMS
-from worker.failures import OptionError, is_expected, problem_of, problem_of_picture, without_paths
+from worker.failures import OptionError, is_expected, lacks_room, problem_of, problem_of_picture, without_paths
 from worker.sandbox import CrashError, FileLimitError, MemoryLimitError, MethodError, NoRoomError, TimeLimitError
 
 
@@ -107,3 +107,11 @@ def test_paths_in_a_long_message_are_replaced_in_one_go() -> None:
     began = time.thread_time()
     assert without_paths("a" * 20_000 + " '/tmp/x/clip.mp4' and clip.mp4", names) == "a" * 20_000 + " 'vid_1' and vid_1"
     assert time.thread_time() - began < 1
+
+
+def test_errors_that_led_to_each_other_are_looked_through_once() -> None:
+    first, second = RuntimeError("one"), RuntimeError("other")
+    first.__cause__, second.__cause__ = second, first
+    assert not lacks_room(first)
+    second.__cause__ = NoRoomError("the disk is full")
+    assert lacks_room(first)
