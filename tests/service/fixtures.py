@@ -56,7 +56,6 @@ from service.catalog.database import _WritersTurn
 from service.catalog.migrations import migrate
 from service.catalog.models import Base
 from service.ids import new_id
-from service.reaper import Reaper
 from service.settings import Settings
 from tests.parts import fresh_parts
 from tests.service.declared import Declared
@@ -213,7 +212,7 @@ USUAL_PATIENCE_S = calls._PATIENCE_S
 
 
 def serve(settings: Settings) -> Iterator[Api]:
-    """Run the API of these settings in a thread, with the reaper's first round behind it.
+    """Run the API of these settings in a thread, without the rounds of reaper and collector: tests run those.
 
     It waits long for its records, and its client for it: a machine at work stands still for some seconds now and then.
     """
@@ -226,12 +225,13 @@ def serve(settings: Settings) -> Iterator[Api]:
 def _serve(settings: Settings) -> Iterator[Api]:
     make_tables(settings.database)
     app = create_app(settings)
-    reaped = _first_round(app.state.services.reaper)
+    services = app.state.services
+    for cleaning in (services.reaper, services.collector):
+        cleaning._rounds._work = lambda: None
     with running(make_server(app, settings, drain_s=2)) as address:
-        until(reaped.is_set)
         hooks = {"response": [Declared(app)]}
         with httpx.Client(base_url=f"http://127.0.0.1:{address[1]}", timeout=90, event_hooks=hooks) as client:
-            yield Api(client, app.state.services, address, app)
+            yield Api(client, services, address, app)
 
 
 @contextmanager
@@ -246,18 +246,6 @@ def running(server: uvicorn.Server) -> Iterator[tuple[str, int]]:
         finally:
             server.should_exit = True
             thread.join(60)
-
-
-def _first_round(reaper: Reaper) -> threading.Event:
-    """Set once the round is over that a reaper runs at its start: it deletes what a test deletes, beside it."""
-    over = threading.Event()
-
-    def noted() -> None:
-        reaper.round()
-        over.set()
-
-    reaper._rounds._work = noted
-    return over
 
 
 def held_up(database: Database) -> int:
