@@ -87,7 +87,8 @@ def main():
         stop()
         process = pool._pool[0]
         process.terminate()
-        while pool._pool[:1] in ([], [process]):  # until the pool has put another in its place
+        # until the pool has put another in its place, and that has begun
+        while pool._pool[:1] in ([], [process]) or pool._pool[0].pid is None:
             time.sleep(0.05)
     pool.terminate()
 
