@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -9,6 +10,8 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from pvg.video import probe
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CONSTRAINTS = REPOSITORY / "constraints.txt"
@@ -97,6 +100,16 @@ def build(folder: Path, root: Path = REPOSITORY, sources: Sequence[str] = _SOURC
     succeeds(sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", folder, sdist)
     (wheel,) = folder.glob("*.whl")
     return wheel, sdist
+
+
+def recolour(tools: Environment, clip: Path, portrait: Path, folder: Path, **variables: str) -> None:
+    """Vectorise, transfer and look at a clip with the command, from the shell."""
+    asset, out = folder / "clip.pvg", folder / "out.mp4"
+    succeeds(tools.command("pvg"), "vectorize", clip, "-o", asset, **variables)
+    succeeds(tools.command("pvg"), "transfer", asset, "--reference", portrait, "-o", out, **variables)
+    assert probe(out).frame_count == 6
+    summary = json.loads(succeeds(tools.command("pvg"), "inspect", asset, **variables))
+    assert len(summary["faces"]) == 1
 
 
 def pythons() -> list[Path]:

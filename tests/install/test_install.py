@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
@@ -27,7 +26,7 @@ from tests.install.environments import (
     bare_environment,
     build,
     environment,
-    pythons,
+    recolour,
     run,
     succeeds,
 )
@@ -94,16 +93,6 @@ def clip(samples: Samples, open_folder: Path) -> Path:
 @pytest.fixture(scope="session")
 def portrait(samples: Samples, open_folder: Path) -> Path:
     return Path(shutil.copy(samples.dark_portrait, open_folder / "portrait.jpg"))
-
-
-def recolour(tools: Environment, clip: Path, portrait: Path, folder: Path, **variables: str) -> None:
-    """Vectorise, transfer and look at a clip with the command, from the shell."""
-    asset, out = folder / "clip.pvg", folder / "out.mp4"
-    succeeds(tools.command("pvg"), "vectorize", clip, "-o", asset, **variables)
-    succeeds(tools.command("pvg"), "transfer", asset, "--reference", portrait, "-o", out, **variables)
-    assert probe(out).frame_count == 6
-    summary = json.loads(succeeds(tools.command("pvg"), "inspect", asset, **variables))
-    assert len(summary["faces"]) == 1
 
 
 def machine_code(*folders: Path) -> set[Path]:
@@ -211,22 +200,3 @@ def _wait_ready(client: httpx.Client, service: subprocess.Popen[bytes], log: Pat
             pass
         time.sleep(0.2)
     pytest.fail(log.read_text())
-
-
-def test_the_newest_of_everything_made_by_uv(
-    distributions: tuple[Path, Path], clip: Path, portrait: Path, tmp_path: Path
-) -> None:
-    """No pins, the newest Python of this machine, an environment without pip, and the source distribution."""
-    _, sdist = distributions
-    python = pythons()[0]
-    tools = Environment(tmp_path / "tools")
-    succeeds(sys.executable, "-m", "venv", tools.folder)
-    tools.install("uv")
-    uv, made = tools.command("uv"), Environment(tmp_path / "newest")
-    succeeds(uv, "venv", "--quiet", "--python", python, made.folder)
-    succeeds(uv, "pip", "install", "--quiet", "--python", made.python, sdist)
-    assert run(made.python, "-m", "pip", "--version").returncode != 0
-    variables = {"PVG_CACHE_DIR": str(tmp_path / "cache"), "PATH": f"{uv.parent}:{os.environ['PATH']}"}
-    assert "installed in" in succeeds(made.command("pvg"), "models", **variables)
-    recolour(made, clip, portrait, tmp_path, **variables)
-    print(succeeds(made.python, "-VV"), succeeds(uv, "pip", "list", "--python", made.python))
