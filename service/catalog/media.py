@@ -237,10 +237,8 @@ def make_again(
     if job is None:
         return []
     asked_at = _asked_at(session, job)
-    found = [get(session, media_id, lock="update") for media_id in sorted(assets)]
-    lost = [
-        one for one in found if one is not None and one.state == MediaState.READY and one.asset_key == assets[one.id]
-    ]
+    found = locked(session, assets)
+    lost = [one for one in found if one.state == MediaState.READY and one.asset_key == assets[one.id]]
     if any(_made_since(session, one, asked_at) for one in lost):
         return None
     if not leases.wait_again(session, lease, now=now):
