@@ -16,7 +16,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.face import Landmarks
-from pvg.raster import Raster
+from pvg.raster import Raster, block
 from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.body_colors import color_tables
@@ -69,11 +69,13 @@ _EDGE_BLUR = 1.0  # cells around the mask's edge
 class _Asked:
     """What costs much and is asked for in some scenes only, between them it moves with the picture: (h, w) float32.
 
-    hair: nats against skin, see `hair_odds`;  predicted: the networks' probability of skin.
+    hair: nats against skin, see `hair_odds`;  predicted, by_rules: the probability of skin by the networks, and by the
+    rules when they were asked.
     """
 
     hair: Floats
     predicted: Floats
+    by_rules: Floats
 
 
 class BodyTracker:
@@ -109,19 +111,25 @@ class BodyTracker:
         lit = relit(scene.rgb, usual)
         oval = head.of_oval(scene.raster.shape)
 
+        beside = np.float32(0) if output is None else _network_against(output, scene.raster, oval)
+        ears = ear_depth(head, own)
         asked = self._asked_before(scene)
-        hair = hair_odds(seen, self._scale, gain) if asked is None else asked.hair
-        against = hair if output is None else hair + _network_against(output, scene.raster, oval)
-        by_rules = self._by_rules(seen, against, gain, ear_depth(head, own))
+        if asked is not None:
+            by_rules = self._by_rules(seen, asked.hair + beside, gain, ears)
+            if _other_skin(asked.by_rules, by_rules, head):
+                asked = None
         if asked is None:
+            hair = hair_odds(seen, self._scale, gain)
+            by_rules = self._by_rules(seen, hair + beside, gain, ears)
             shown = beyond_box(face, scene.raster, seen.face_mask, by_rules, hair)
             usually = replace(seen, rgb=lit, face_mask=shown)
-            asked = _Asked(hair, body_network.predict_body_skin(usually, usual * light, by_rules))
+            predicted = body_network.predict_body_skin(usually, usual * light, by_rules)
+            asked = _Asked(hair, predicted, by_rules)
         self._asked = asked
 
         probability = fused(by_rules, asked.predicted, _believed(seen, oval))
         of_face = face.alpha_at(*(np.asarray(v, np.float32) for v in scene.raster.centers()))
-        fill_gaps(probability, of_face, asked.predicted, hair, seen, gain)
+        fill_gaps(probability, of_face, asked.predicted, asked.hair, seen, gain)
         fill_small_holes(probability, of_face, head.size)
         fill_highlights(probability, of_face, seen, self._scale, gain)
         share = _owned(scene, landmarks, head)
@@ -132,7 +140,7 @@ class BodyTracker:
         others = self._others.step(scene, probability > 0.5, head, oval, keep)
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
-        leave_out_hair(probability, seen, hair, self._scale, gain)
+        leave_out_hair(probability, seen, asked.hair, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
 
         kept = None if before is None or scene.changed else before[0].mask * before[1] / np.float32(_KEEP)
@@ -154,7 +162,7 @@ class BodyTracker:
         self._scenes += 1
         if before is None or maps is None or scene.changed or due:
             return None
-        return _Asked(moved(before.hair, maps), moved(before.predicted, maps))
+        return _Asked(*moved_layers([before.hair, before.predicted, before.by_rules], maps))
 
     def _by_rules(self, seen: FaceInScene, against: Floats, gain: Floats, ears: float) -> Floats:
         """Probability of skin (h, w) by colour and place.
@@ -174,6 +182,17 @@ class BodyTracker:
         # in colour: where a hand leaves a wall of the skin's brightness only the hue changes
         keep = weight_of_before(moved(rgb, scene.before), scene.rgb)
         return SkinInTime(*moved_layers(skin.layers, scene.before)), keep
+
+
+def _other_skin(then: Floats, now: Floats, head: HeadShape) -> bool:
+    """Whether the rules see skin, or none, where they did not: what the networks said then does not know of it.
+
+    A hand that comes in fast is too little of the picture for `Scene.changed`.
+    then, now: (h, w) probability by the rules, `then` moved to where its cells are now.
+    """
+    off = np.asarray(np.abs(now - then) > 0.5, np.bool_).view(np.uint8)
+    broad = cv2.erode(off, block(2))
+    return bool(cv2.countNonZero(broad) > _BODY.other * head.size**2)
 
 
 def _believed(seen: FaceInScene, oval: Floats) -> Floats:

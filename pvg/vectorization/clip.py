@@ -33,7 +33,7 @@ from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.vectorization.whole_clip import SECOND_READING, VECTORIZE, follow_all_faces
 from pvg.video import INPUT_COLORS, FileState, InputColor, MediaLimits, file_state, probe, sha256_file
 
-VECTORIZER_VERSION = 35  # raised when the same clip would give another asset
+VECTORIZER_VERSION = 36  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 _WIDEST_PX = 65_535  # no picture has more
 STAGES = (VECTORIZE, SECOND_READING, LANDMARKS, BEST_FRAME)  # of the progress callback, in their order

@@ -434,6 +434,41 @@ def test_a_hand_that_moves_farther_than_the_flow_sees_is_found_at_once() -> None
     assert alpha[drawn.hand & ~after.hand].mean() < 0.02
 
 
+def _asked(monkeypatch: pytest.MonkeyPatch, first: Drawn, then: Drawn) -> tuple[np.ndarray, int]:
+    """Alpha in the second of two scenes, whose flow explains the picture, and how often the network was asked."""
+    asked: list[np.ndarray] = []
+
+    def network(seen: FaceInScene, light: np.ndarray, probability: np.ndarray) -> np.ndarray:
+        asked.append(probability)
+        return probability
+
+    monkeypatch.setattr(body_network, "predict_body_skin", network)
+    trackers, reader = _tracker(first), SceneReader()
+    _step(*trackers, first, first.scene(reader=reader))
+    scene = then.scene(reader=reader)
+    assert scene.flow is not None
+    assert not scene.changed
+    return _step(*trackers, then, scene), len(asked)
+
+
+def test_fingers_that_come_in_are_too_little_of_the_picture_and_are_found_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first, then = _drawn(hand_at=(300, 560)), _drawn(hand_at=(300, 510))
+    alpha, asked = _asked(monkeypatch, first, then)
+    fingers = shrunk(then.hand, 5)
+    assert fingers.sum() > 800
+    assert alpha[fingers].mean() > 0.85
+    assert asked == 2
+
+
+def test_a_hand_that_moves_a_little_needs_no_other_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, then = _drawn(hand_at=(470, 380)), _drawn(seed=1, hand_at=(475, 380))
+    alpha, asked = _asked(monkeypatch, first, then)
+    assert alpha[shrunk(then.hand, 9)].mean() > 0.95
+    assert asked == 1
+
+
 def test_noise_and_a_little_movement_are_no_change() -> None:
     reader = SceneReader()
     for seed, at in enumerate([470, 473, 477, 480]):
