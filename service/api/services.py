@@ -13,13 +13,12 @@ from service.api.fetches import Fetches
 from service.api.forecasts import Forecasts
 from service.api.meters import Meters
 from service.api.places import Places
-from service.api.preview_watch import PreviewWatch
 from service.api.probes import Probe
 from service.api.quotas import Lately
 from service.api.rates import LinkRates, Rates
 from service.api.signing import Signer
 from service.api.streams import Streams
-from service.api.waiting import JobWatch, Snapshot
+from service.api.waiting import JobWatch, PreviewWatch, Snapshot
 from service.blobs import Blobs, was_marked
 from service.catalog import Clock, Database, Preview, jobs, previews
 from service.catalog.jobs import Standing

@@ -11,7 +11,8 @@ import pytest
 
 from service.api import waiting
 from service.api.calls import Calls
-from service.api.waiting import PLACES_S, POLL_S, JobWatch, Snapshot
+from service.api.waiting import PLACES_S, POLL_S, JobWatch, PreviewWatch, Snapshot
+from service.catalog import Preview
 from service.catalog.jobs import Standing
 from service.errors import UnavailableError
 from tests.service.api.test_media import upload
@@ -102,6 +103,26 @@ def test_an_outage_is_two_lines_of_the_log_however_long_it_is(caplog: pytest.Log
     assert [one.split(" be ")[0] for one in said] == [
         "jobs that are waited for cannot",
         "jobs that are waited for can",
+    ]
+
+
+def test_an_outage_is_two_lines_of_the_log_for_pictures_too(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    looks = 0
+
+    def load(preview_ids: Collection[str]) -> tuple[list[Preview], Collection[str]]:
+        nonlocal looks
+        looks += 1
+        if 2 <= looks <= 6:
+            raise UnavailableError("away")
+        return [Preview(id=one) for one in preview_ids if looks > 8], preview_ids
+
+    made = asyncio.run(PreviewWatch(Calls(), load).end_of("prv_1", 60))
+    assert made is not None
+    said = [record.getMessage() for record in caplog.records if record.name == "service.api.waiting"]
+    assert [one.split(" be ")[0] for one in said] == [
+        "pictures that are waited for cannot",
+        "pictures that are waited for can",
     ]
 
 
