@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from itertools import islice
@@ -157,49 +157,64 @@ def allowed(app: FastAPI, scope: Scope) -> list[str]:
     ]
 
 
+async def _on_service_error(request: Request, error: ServiceError) -> JSONResponse:
+    return problem_response(request, error)
+
+
+async def _on_invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+    return problem_response(request, _from_details(list(error.errors())))
+
+
+async def _on_http_error(request: Request, error: HTTPException) -> JSONResponse:
+    phrase = HTTPStatus(error.status_code).phrase
+    name = phrase.lower().replace(" ", "-")
+    kind = PROBLEMS.get(name) or ProblemType(name, phrase, error.status_code)
+    headers, detail = dict(error.headers or {}), str(error.detail)
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(allowed(request.app, request.scope))
+        detail = f"{request.method} is not for this address, which takes {headers['Allow']}"
+    elif error.status_code == HTTPStatus.NOT_FOUND:  # no route has said it
+        root = str(request.scope.get("root_path", "")).rstrip("/")
+        detail = f"there is no such address; {root}/docs has those there are"
+    return _respond(request, problem_body(kind, detail), headers)
+
+
+async def _on_os_error(request: Request, error: OSError) -> JSONResponse:
+    if is_disk_full(error):
+        return problem_response(request, StorageFullError())
+    raise error
+
+
+async def _on_database_error(request: Request, error: SQLAlchemyError) -> JSONResponse:
+    if is_disk_full(error):
+        return problem_response(request, StorageFullError())
+    return _away(request, error, "the records cannot be reached; try again")
+
+
+async def _on_store_error(request: Request, error: BaseError) -> JSONResponse:
+    return _away(request, error, "the files cannot be reached; try again")
+
+
+def _away(request: Request, error: Exception, detail: str) -> JSONResponse:
+    """The answer while the database or the store is away. Raises any other error of theirs again."""
+    if not is_outage(error):
+        raise error
+    log.warning("answered as unavailable", path=request.url.path, error=type(error).__name__)
+    return problem_response(request, UnavailableError(detail))
+
+
+#: of an error, the handler of the nearest of its classes is taken
+_HANDLERS: Final[dict[type[Exception], Callable[[Request, Any], Awaitable[JSONResponse]]]] = {
+    ServiceError: _on_service_error,
+    RequestValidationError: _on_invalid,
+    HTTPException: _on_http_error,
+    OSError: _on_os_error,
+    SQLAlchemyError: _on_database_error,
+    BaseError: _on_store_error,
+}
+
+
 def install(app: FastAPI) -> None:
     """Register the handlers of every error the application raises on purpose or through its framework."""
-
-    @app.exception_handler(ServiceError)
-    async def on_service_error(request: Request, error: ServiceError) -> JSONResponse:
-        return problem_response(request, error)
-
-    @app.exception_handler(RequestValidationError)
-    async def on_invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-        return problem_response(request, _from_details(list(error.errors())))
-
-    @app.exception_handler(HTTPException)
-    async def on_http_error(request: Request, error: HTTPException) -> JSONResponse:
-        phrase = HTTPStatus(error.status_code).phrase
-        name = phrase.lower().replace(" ", "-")
-        kind = PROBLEMS.get(name) or ProblemType(name, phrase, error.status_code)
-        headers, detail = dict(error.headers or {}), str(error.detail)
-        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-            headers["Allow"] = ", ".join(allowed(app, request.scope))
-            detail = f"{request.method} is not for this address, which takes {headers['Allow']}"
-        elif error.status_code == HTTPStatus.NOT_FOUND:  # no route has said it
-            root = str(request.scope.get("root_path", "")).rstrip("/")
-            detail = f"there is no such address; {root}/docs has those there are"
-        return _respond(request, problem_body(kind, detail), headers)
-
-    @app.exception_handler(OSError)
-    async def on_os_error(request: Request, error: OSError) -> JSONResponse:
-        if is_disk_full(error):
-            return problem_response(request, StorageFullError())
-        raise error
-
-    @app.exception_handler(SQLAlchemyError)
-    async def on_database_error(request: Request, error: SQLAlchemyError) -> JSONResponse:
-        if is_disk_full(error):
-            return problem_response(request, StorageFullError())
-        return away(request, error, "the records cannot be reached; try again")
-
-    @app.exception_handler(BaseError)
-    async def on_store_error(request: Request, error: BaseError) -> JSONResponse:
-        return away(request, error, "the files cannot be reached; try again")
-
-    def away(request: Request, error: Exception, detail: str) -> JSONResponse:
-        if not is_outage(error):
-            raise error
-        log.warning("answered as unavailable", path=request.url.path, error=type(error).__name__)
-        return problem_response(request, UnavailableError(detail))
+    for kind, handler in _HANDLERS.items():
+        app.add_exception_handler(kind, handler)
