@@ -18,7 +18,7 @@ from pvg.video.languages import language_in
 from pvg.video.opening import StatedColors
 from pvg.video.plan import Carried, Plan
 from pvg.video.sound_formats import carry_sound
-from pvg.video.streams import NO_STREAMS, Streams, Track
+from pvg.video.streams import NO_STREAMS, Chapter, Streams, Track
 
 _TEXT = ("mov_text", "srt", "ass", "webvtt", "text")
 
@@ -260,39 +260,61 @@ def _subtitle(track: Track, container: str) -> tuple[str | None, str | None]:
 
 
 def _with_tags(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> Plan:
-    """Chapters, tags, timecode."""
-    name, holds = label_of(plan.container), CONTAINER_FORMATS[plan.container]
-    chapters, metadata, picture, timecode = streams.chapters, streams.metadata, streams.picture, streams.timecode
-    if chapters and not holds.chapters:
-        lines.dropped.append(f"{len(chapters)} chapters are not kept: they are not written to {name}")
+    """What is written beside the tracks, and about them: chapters, tags, timecode."""
+    chapters = _chapters(lines, plan.container, streams)
+    metadata = _metadata(lines, plan.container, streams)
+    if streams.picture is not None and (lost := _lost_of_picture(streams.picture, plan.container)):
+        lines.dropped.append(f"the picture track goes without its {' and '.join(lost)}")
+    timecode = _timecode(lines, plan.container, info, streams)
+    reel = _reel(lines, plan.container, timecode, streams)
+    if streams.location:
+        lines.dropped.append(f"tags that tell a place are left out on purpose ({', '.join(streams.location)})")
+    return replace(plan, chapters=chapters, metadata=metadata, picture=streams.picture, timecode=timecode, reel=reel)
+
+
+def _chapters(lines: _Lines, container: str, streams: Streams) -> tuple[Chapter, ...]:
+    chapters = streams.chapters
+    if chapters and not CONTAINER_FORMATS[container].chapters:
+        lines.dropped.append(f"{len(chapters)} chapters are not kept: they are not written to {label_of(container)}")
         chapters = ()
     elif chapters:
         lines.kept.append(f"{len(chapters)} chapters")
     if streams.chapters_after:
         lines.dropped.append(f"{streams.chapters_after} chapters that begin after the clip's end are not kept")
-    names = [key for key, _ in metadata]
-    if metadata and not holds.tags:
-        lines.dropped.append(f"tags are not kept: they are not written to {name} ({', '.join(names)})")
-        metadata = ()
-    elif metadata:
-        lines.kept.append(f"tags: {', '.join(names)}")
-    if picture is not None and (lost := _lost_of_picture(picture, plan.container)):
-        lines.dropped.append(f"the picture track goes without its {' and '.join(lost)}")
-    if timecode is not None:
-        why = _timecode_fault(timecode, info, plan.container)
-        if why is None:
-            lines.kept.append(f"timecode {timecode}")
-        else:
-            lines.dropped.append(f"timecode {timecode} is not kept: {why}")
-            timecode = None
-    reel = streams.reel if plan.container == "mov" and timecode is not None else None
-    if reel is not None:
-        lines.kept.append(f"reel name {reel}")
-    elif streams.reel is not None:
+    return chapters
+
+
+def _metadata(lines: _Lines, container: str, streams: Streams) -> tuple[tuple[str, str], ...]:
+    names = ", ".join(key for key, _ in streams.metadata)
+    if streams.metadata and not CONTAINER_FORMATS[container].tags:
+        lines.dropped.append(f"tags are not kept: they are not written to {label_of(container)} ({names})")
+        return ()
+    if streams.metadata:
+        lines.kept.append(f"tags: {names}")
+    return streams.metadata
+
+
+def _timecode(lines: _Lines, container: str, info: MediaInfo, streams: Streams) -> str | None:
+    timecode = streams.timecode
+    if timecode is None:
+        return None
+    why = _timecode_fault(timecode, info, container)
+    if why is not None:
+        lines.dropped.append(f"timecode {timecode} is not kept: {why}")
+        return None
+    lines.kept.append(f"timecode {timecode}")
+    return timecode
+
+
+def _reel(lines: _Lines, container: str, timecode: str | None, streams: Streams) -> str | None:
+    """The reel's name, which goes with the timecode that is kept."""
+    if streams.reel is None:
+        return None
+    if container != "mov" or timecode is None:
         lines.dropped.append(f"reel name {streams.reel} is not kept: a timecode in MOV alone has one")
-    if streams.location:
-        lines.dropped.append(f"tags that tell a place are left out on purpose ({', '.join(streams.location)})")
-    return replace(plan, chapters=chapters, metadata=metadata, picture=picture, timecode=timecode, reel=reel)
+        return None
+    lines.kept.append(f"reel name {streams.reel}")
+    return streams.reel
 
 
 def _lost_of_picture(picture: Track, container: str) -> list[str]:
