@@ -30,31 +30,6 @@ MAKEUP = 0.75  # default strength of every part [by eye]
 Makeup = float | Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class PartBounds:
-    """What a part can be beside the skin of its face [by eye].
-
-    step: most of the skin's luma that the clip's own part gets darker or lighter;  blue, red: B − Y and R − Y, levels,
-    beyond the skin's usual chroma at that luma;
-    shown: least and most of the skin's luma that the reference's part can have, outside it is a shadow, a beard or a
-    highlight;  least_red: R − Y beyond the skin's that it has at least, levels.
-    """
-
-    step: tuple[float, float]
-    blue: tuple[float, float]
-    red: tuple[float, float]
-    shown: tuple[float, float]
-    least_red: float = -np.inf
-
-
-_BOUNDS = {
-    # less red is a beard or a shadow
-    "lips": PartBounds((0.3, 0.2), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2), least_red=-3.0),
-    "lids": PartBounds((0.22, 0.08), (-8.0, 4.0), (-8.0, 5.0), (0.4, 1.25)),
-    # less red is another light than the face's, grey or violet patches on one that is lit evenly [by blind choice]
-    "cheeks": PartBounds((0.0, 0.0), (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5), least_red=0.0),
-    "brows": PartBounds((0.1, 0.02), (-6.0, 6.0), (-6.0, 6.0), (0.2, 1.05)),
-}
 _LIP_TURN = (2.0, 18.0)  # degrees of lips from the skin's hue towards red [measured: 30 faces, 2 to 30]
 _LIP_HUE = 68.0  # degrees from yellow towards magenta: beyond, lips look mauve
 # of the skin's luma: hair above the mouth is darker [measured: moustaches 0.27 to 0.56, skin 0.72 to 1.21], and lips in
@@ -76,6 +51,101 @@ _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # light's, and the chroma below which it is chance
 _SKIN_HUE, _STRANGE, _HUELESS = 45.0, (45.0, 70.0), (6.0, 12.0)
 _LIT = (45.0, 65.0)  # C* that only coloured light gives skin [measured: looks on usual skin have 34 at most]
+
+
+@dataclass(frozen=True, eq=False)
+class _Face:
+    """The face of a clip that parts are on.
+
+    skin: the map F of its skin;  key: as it is before;  luma: of the skin that F makes;  shown: how far the light shows
+    what sets its parts apart, in [0, 1].
+    """
+
+    skin: SkinMap
+    key: KeyFrame
+    luma: float
+    shown: float
+
+    @classmethod
+    def of(cls, skin: SkinMap, key: KeyFrame) -> _Face:
+        """A face with some skin."""
+        made = skin(key.skin)
+        return cls(skin, key, median_luma(made), _shown_by_light(np.asarray(made, np.float32)))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What a part can be beside the skin of its face [by eye].
+
+    step: most of the skin's luma that the clip's own part gets darker or lighter;  blue, red: B − Y and R − Y, levels,
+    beyond the skin's usual chroma at that luma;
+    shown: least and most of the skin's luma that the reference's part can have, outside it is a shadow, a beard or a
+    highlight;  least_red: R − Y beyond the skin's that it has at least, levels.
+    """
+
+    step: tuple[float, float]
+    blue: tuple[float, float]
+    red: tuple[float, float]
+    shown: tuple[float, float]
+    least_red: float = -np.inf
+
+    def least_shown(self, reference: KeyFrame, red: float) -> float:
+        """The least of `shown` beside a reference's skin. red: R − Y of its part beyond the skin's, levels, or NaN."""
+        return self.shown[0]
+
+    def bare(self, moved: Doubles, own: Doubles, face: _Face) -> Doubles:
+        """(3,) the part without make-up: F has moved its `own` colour (3,) to `moved` (3,)."""
+        return moved
+
+    def made_up(self, change: Floats, ours: Doubles, own: Doubles, face: _Face, strength: float) -> Floats:
+        """(3,) float32, what is added to `ours` (3,), the part without make-up, when `change` (3,) is asked for."""
+        return np.float32(face.shown * strength) * change
+
+
+class _Lips(_Part):
+    """Keep what sets them apart from the skin, and are of a hue that lips can have."""
+
+    def least_shown(self, reference: KeyFrame, red: float) -> float:
+        """Less where it is deep red, which is a lipstick and no shadow; more under a moustache."""
+        low = self.shown[0]
+        low = max(low, _BESIDE_MOUSTACHE) if _moustache(reference) else low
+        return low - _DEEPER * float(ramp(red, *_DEEP_RED))  # NaN of lips that are not seen
+
+    def bare(self, moved: Doubles, own: Doubles, face: _Face) -> Doubles:
+        """With what F takes away, as far as lips can be so."""
+        return _as_lips(moved + _lost(own, face), own, face)
+
+    def made_up(self, change: Floats, ours: Doubles, own: Doubles, face: _Face, strength: float) -> Floats:
+        """As far as lips can be so, see `_TAKEN`."""
+        lips = _as_lips(ours + change, own, face)
+        power = _KEPT if _redder(lips, face.skin) < _redder(ours, face.skin) else _TAKEN
+        return np.float32((face.shown * strength) ** power) * (lips - ours).astype(np.float32)
+
+
+class _Lids(_Part):
+    """Take what is dark of the reference's with care."""
+
+    def made_up(self, change: Floats, ours: Doubles, own: Doubles, face: _Face, strength: float) -> Floats:
+        """See `_SHADED`."""
+        return np.float32((face.shown * strength) ** _SHADED) * change
+
+
+class _Brows(_Part):
+    """Are hair."""
+
+    def bare(self, moved: Doubles, own: Doubles, face: _Face) -> Doubles:
+        """With the hue and saturation of hair."""
+        return moved + face.shown * _hair_lacks(moved, own, face.key)
+
+
+_PARTS = {
+    # less red is a beard or a shadow
+    "lips": _Lips((0.3, 0.2), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2), least_red=-3.0),
+    "lids": _Lids((0.22, 0.08), (-8.0, 4.0), (-8.0, 5.0), (0.4, 1.25)),
+    # less red is another light than the face's, grey or violet patches on one that is lit evenly [by blind choice]
+    "cheeks": _Part((0.0, 0.0), (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5), least_red=0.0),
+    "brows": _Brows((0.1, 0.02), (-6.0, 6.0), (-6.0, 6.0), (0.2, 1.05)),
+}
 
 
 def strengths(makeup: Makeup) -> Floats:
@@ -103,15 +173,10 @@ class PartChanges:
         parts = to_opponent(reference.parts)
         luma = parts[:, 0] / median_luma(reference.skin)
         chroma = parts[:, 1:] - UsualChroma.of(to_opponent(reference.skin)).at(parts[:, 0])
-        for p, part in enumerate(PARTS):
-            bounds = _BOUNDS[part]
-            low, high = bounds.shown
-            if part == "lips":
-                low = max(low, _BESIDE_MOUSTACHE) if _moustache(reference) else low
-                # deep red is a lipstick, and no shadow
-                low -= _DEEPER * float(ramp(chroma[p, 1], *_DEEP_RED))  # NaN of lips that are not seen
-            hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
-            if hidden or chroma[p, 1] < bounds.least_red:
+        for p, name in enumerate(PARTS):
+            part = _PARTS[name]
+            hidden = not part.least_shown(reference, chroma[p, 1]) <= luma[p] <= part.shown[1]  # NaN is not seen
+            if hidden or chroma[p, 1] < part.least_red:
                 luma[p], chroma[p] = np.nan, 0.0
         return cls(luma, chroma)
 
@@ -123,35 +188,29 @@ class PartChanges:
         out = np.zeros((len(PARTS), 3), np.float32)
         if not len(key.skin):
             return out
-        face = median_luma(skin(key.skin))
-        shown = _shown_by_light(np.asarray(skin(key.skin), np.float32))
+        face = _Face.of(skin, key)
         moved, own = to_opponent(skin(key.parts)), to_opponent(key.parts)
-        for p, part in enumerate(PARTS):
+        for p, name in enumerate(PARTS):
             if np.isnan(moved[p, 0]):
                 continue
-            bounds, ours = _BOUNDS[part], moved[p]
-            if part == "lips":
-                ours = _as_lips(ours + _lost(own[p], skin, key, face), own[p], skin, key, face)
-            if part == "brows":
-                ours = ours + shown * _hair_lacks(ours, own[p], key)
-            kept = ours - moved[p]
-            if np.isnan(self.luma[p]):
-                out[p] = kept
-                continue
-            out[p, 0] = np.clip(face * self.luma[p] - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
-            usual, then = (skin.goal.at(np.array([luma]))[0] for luma in (ours[0], ours[0] + out[p, 0]))
-            for channel, bound in enumerate((bounds.blue, bounds.red)):
-                beyond = _within(self.chroma[p, channel], bound, ours[1 + channel] - usual[channel])
-                out[p, 1 + channel] = then[channel] + beyond - ours[1 + channel]
-            share = shown * float(strength[p])
-            if part == "lips":
-                lips = _as_lips(ours + out[p], own[p], skin, key, face)
-                share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else _TAKEN
-                out[p] = lips - ours
-            elif part == "lids":
-                share **= _SHADED
-            out[p] = kept + share * out[p]
+            part = _PARTS[name]
+            ours = part.bare(moved[p], own[p], face)
+            gained = ours - moved[p]
+            if not np.isnan(self.luma[p]):
+                change = self._asked(p, part, ours, face)
+                gained = gained + part.made_up(change, ours, own[p], face, float(strength[p]))
+            out[p] = gained
         return out
+
+    def _asked(self, p: int, part: _Part, ours: Doubles, face: _Face) -> Floats:
+        """(3,) what leads from `ours` (3,), a clip's part without make-up, to the reference's, within its bounds."""
+        change = np.zeros(3, np.float32)
+        change[0] = np.clip(face.luma * self.luma[p] - ours[0], -part.step[0] * face.luma, part.step[1] * face.luma)
+        usual, then = (face.skin.goal.at(np.array([luma]))[0] for luma in (ours[0], ours[0] + change[0]))
+        for channel, bound in enumerate((part.blue, part.red)):
+            beyond = _within(self.chroma[p, channel], bound, ours[1 + channel] - usual[channel])
+            change[1 + channel] = then[channel] + beyond - ours[1 + channel]
+        return change
 
 
 def _shown_by_light(skin: Floats) -> float:
@@ -165,13 +224,13 @@ def _shown_by_light(skin: Floats) -> float:
     return 1 - max(float(ramp(off, *_STRANGE) * ramp(chroma, *_HUELESS)), float(ramp(chroma, *_LIT)))
 
 
-def _lost(lips: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:
-    """(3,) what F takes away of a clip's lips beside its skin, as if they were a stain on it.
+def _lost(lips: Doubles, face: _Face) -> Doubles:
+    """(3,) what F takes away of a clip's lips, (3,) their own colour, beside its skin, as if they were a stain on it.
 
-    lips: (3,) their own colour;  face: luma of the skin that F makes: in less light there is less of it.
+    In less light there is less of it.
     """
-    beyond = lips[1:] - skin.own.at(lips[:1])[0]
-    return np.concatenate([[0.0], (min(1.0, face / median_luma(key.skin)) - skin.spread) * beyond])
+    beyond = lips[1:] - face.skin.own.at(lips[:1])[0]
+    return np.concatenate([[0.0], (min(1.0, face.luma / median_luma(face.key.skin)) - face.skin.spread) * beyond])
 
 
 def _hair_lacks(moved: Doubles, own: Doubles, key: KeyFrame) -> Doubles:
@@ -202,12 +261,13 @@ def _above_the_mouth() -> Bools:
     return table_labels().on_curves("upper_lip")
 
 
-def _as_lips(lips: Doubles, own: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:
-    """(3,) the colour nearest to `lips` whose hue lips can have beside skin whose luma is `face`.
+def _as_lips(lips: Doubles, own: Doubles, face: _Face) -> Doubles:
+    """(3,) the colour nearest to `lips` whose hue lips can have beside the skin that F makes.
 
     own: of the clip's lips, beside the skin they are on now: what they already are, lips can be.
     """
-    ours, theirs = skin.own.at(np.array([median_luma(key.skin)]))[0], skin.goal.at(np.array([face]))[0]
+    ours = face.skin.own.at(np.array([median_luma(face.key.skin)]))[0]
+    theirs = face.skin.goal.at(np.array([face.luma]))[0]
     if min(np.hypot(*ours), np.hypot(*theirs), np.hypot(*own[1:]), np.hypot(*lips[1:])) < _LEAST_CHROMA:
         return lips
     around, before = _hue(theirs), short_turn(_hue(own[1:]) - _hue(ours))
