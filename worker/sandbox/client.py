@@ -6,7 +6,7 @@ import select
 import signal
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -115,8 +115,8 @@ class Sandbox:
         ended then too.
         """
         with ExitStack() as stack:
-            control, channel = self._process(stack, name, arguments, limits, view, stays=False)
-            return _Waiting(control, channel, limits, watch).result()
+            process = self._process(stack, name, arguments, limits, view, stays=False)
+            return _Waiting(process, limits, watch).result()
 
     def open(self, name: str, arguments: Mapping[str, Any], *, limits: Limits, view: View, until: float) -> Session:
         """A process that stays and is asked again and again about what it has opened, once it has.
@@ -124,8 +124,8 @@ class Sandbox:
         ``until``: on the clock of `time.monotonic`. Raises as `call` does; the process has ended then too.
         """
         with ExitStack() as stack:
-            control, channel = self._process(stack, name, arguments, limits, view, stays=True)
-            session = Session(control, channel, limits, stack.pop_all())
+            process = self._process(stack, name, arguments, limits, view, stays=True)
+            session = Session(process, limits, stack.pop_all())
         try:
             session.answer(until)
         except BaseException:
@@ -135,8 +135,8 @@ class Sandbox:
 
     def _process(
         self, stack: ExitStack, name: str, arguments: Mapping[str, Any], limits: Limits, view: View, *, stays: bool
-    ) -> tuple[socket.socket, socket.socket]:
-        """The supervisor's ends of a new process: by closing the first it is ended, by the second it is talked to."""
+    ) -> _Process:
+        """A new process, which is told what to do, and ended with the stack."""
         request = {
             "call": name,
             "stays": stays,
@@ -151,55 +151,92 @@ class Sandbox:
         with their_control, their_channel:
             socket.send_fds(self._lobby, [b"j"], [their_control.fileno(), their_channel.fileno()])
         stack.callback(_make_sure, control)
-        with suppress(OSError):  # it has ended, or was never forked: that is told by its end
-            send(channel, dict(request))
-        return control, channel
+        process = _Process(control, channel)
+        process.tell(request)
+        return process
+
+
+class _Process:
+    """A process by the supervisor's ends of it: by closing ``control`` it is ended, by ``channel`` it is talked to.
+
+    Once it `has_ended`, ``end`` is what the server tells of that: None where that is gone too, or could not fork.
+    """
+
+    def __init__(self, control: socket.socket, channel: socket.socket) -> None:
+        self._control, self._channel = control, channel
+        self._ends, self._answers = Receiver(control), Receiver(channel)
+        self._poll = select.poll()
+        self._poll.register(control, select.POLLIN)
+        self._poll.register(channel, select.POLLIN)
+        self.end: dict[str, Any] | None = None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it is gone, or never was."""
+        return self._ends.ended or self.end is not None
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """Send it a message. That it has ended, or was never forked, is told by its end."""
+        with suppress(OSError):
+            send(self._channel, message)
+
+    def hear(self, seconds: float) -> list[dict[str, Any]] | None:
+        """What it has said, at most so many seconds later; nothing where it has ended; None when the time is over.
+
+        Raises `CrashError` for what is no message.
+        """
+        ready = {descriptor for descriptor, _ in self._poll.poll(seconds * 1000)}
+        if not ready:
+            return None
+        messages: list[dict[str, Any]] = []
+        if self._channel.fileno() in ready:
+            messages = self._read()
+            if self._answers.ended:
+                self._poll.unregister(self._channel)
+        if not messages and self._control.fileno() in ready:  # else the end is heard next, it stays there
+            self.end = next(iter(self._ends.read()), None)
+        return messages
+
+    def rest(self) -> Iterator[dict[str, Any]]:
+        """What it had said before it ended, and nobody has heard: all of it is there by now."""
+        while not self._answers.ended:
+            yield from self._read()
+
+    def _read(self) -> list[dict[str, Any]]:
+        try:
+            return self._answers.read()
+        except ProtocolError as error:
+            raise CrashError(f"its process sent {error}") from error
 
 
 class Session:
     """A process that stays, for one thread at a time. After any error but `MethodError` it is gone, or as good as."""
 
-    def __init__(self, control: socket.socket, channel: socket.socket, limits: Limits, held: ExitStack) -> None:
-        self._control, self._channel, self._limits = control, channel, limits
+    def __init__(self, process: _Process, limits: Limits, held: ExitStack) -> None:
+        self._process, self._limits = process, limits
         self._held = held
-        self._answers = Receiver(channel)
 
     def ask(self, arguments: Mapping[str, Any], until: float) -> Any:
         """The answer to a question, not checked yet; ``until`` is on the clock of `time.monotonic`.
 
         Raises as `Sandbox.call` does.
         """
-        with suppress(OSError):  # it has ended: why is told by its end
-            send(self._channel, {"arguments": arguments})
+        self._process.tell({"arguments": arguments})
         return self.answer(until)
 
     def answer(self, until: float) -> Any:
         """Wait for one answer."""
-        poll = select.poll()
-        poll.register(self._control, select.POLLIN)
-        poll.register(self._channel, select.POLLIN)
         while True:
-            ready = {descriptor for descriptor, _ in poll.poll(max(0.0, until - time.monotonic()) * 1000)}
-            if not ready:
+            messages = self._process.hear(max(0.0, until - time.monotonic()))
+            if messages is None:
                 raise TimeLimitError("the picture took longer than the service allows")
-            if self._channel.fileno() in ready:
-                messages = self._messages()
-                if len(messages) > 1:
-                    raise CrashError("its process sent two answers in one")
-                if messages:
-                    return answer_of(messages[0], self._limits)
-                if self._answers.ended:
-                    poll.unregister(self._channel)
-            if self._control.fileno() in ready:
-                ends = Receiver(self._control).read()
-                judge_end(ends[0] if ends else None, self._limits)
+            if len(messages) > 1:
+                raise CrashError("its process sent two answers in one")
+            if messages:
+                return answer_of(messages[0], self._limits)
+            if self._process.has_ended:
+                judge_end(self._process.end, self._limits)
                 raise CrashError("its process ended by itself")
-
-    def _messages(self) -> list[dict[str, Any]]:
-        try:
-            return self._answers.read()
-        except ProtocolError as error:
-            raise CrashError(f"its process sent {error}") from error
 
     def close(self) -> None:
         """End the process, and wait for that."""
@@ -232,39 +269,21 @@ def _is_progress(stage: str, done: int, total: int) -> bool:
 class _Waiting:
     """One call on its way."""
 
-    def __init__(self, control: socket.socket, channel: socket.socket, limits: Limits, watch: Watch) -> None:
-        self._control, self._channel = control, channel
-        self._limits, self._watch = limits, watch
-        self._answers = Receiver(channel)
+    def __init__(self, process: _Process, limits: Limits, watch: Watch) -> None:
+        self._process, self._limits, self._watch = process, limits, watch
         self._answer: dict[str, Any] | None = None
 
     def result(self) -> Any:
-        ends = Receiver(self._control)
-        poll = select.poll()
-        poll.register(self._control, select.POLLIN)
-        poll.register(self._channel, select.POLLIN)
-        end: list[dict[str, Any]] = []
-        while not ends.ended and not end:
-            ready = {descriptor for descriptor, _ in poll.poll(POLL_S * 1000)}
+        while not self._process.has_ended:
+            messages = self._process.hear(POLL_S)
             self._watch.check()
             if time.monotonic() > self._watch.until:
                 raise TimeLimitError("the job took longer than the service allows")
-            if self._channel.fileno() in ready:
-                self._listen()
-                if self._answers.ended:
-                    poll.unregister(self._channel)
-            if self._control.fileno() in ready:
-                end = ends.read()
-        while not self._answers.ended:
-            self._listen()  # all that it said is there by now
-        return self._judged(end[0] if end else None)
-
-    def _listen(self) -> None:
-        try:
-            for message in self._answers.read():
+            for message in messages or ():
                 self._take(message)
-        except ProtocolError as error:
-            raise CrashError(f"its process sent {error}") from error
+        for message in self._process.rest():
+            self._take(message)
+        return self._judged()
 
     def _take(self, message: dict[str, Any]) -> None:
         if self._answer is not None:
@@ -281,8 +300,8 @@ class _Waiting:
             case _:
                 raise CrashError("its process sent something else than an answer")
 
-    def _judged(self, end: dict[str, Any] | None) -> Any:
-        judge_end(end, self._limits)
+    def _judged(self) -> Any:
+        judge_end(self._process.end, self._limits)
         if self._answer is None:
             raise CrashError("its process ended with code 0")
         return answer_of(self._answer, self._limits)
