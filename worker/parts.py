@@ -20,7 +20,9 @@ from service.storage import BlobMissingError
 from worker.answers import JoinAnswer, PartAnswer, checked, made
 from worker.failures import LostPartsError
 from worker.lease import LeaseLostError
-from worker.rendering import DrawnLook, drawn_look, inputs, publish, render, suffix_of, telling_what_is_lost, wanted
+from worker.needed import telling_what_is_lost, wanted
+from worker.publishing import DrawnLook, publish
+from worker.rendering import drawn_look, inputs, render, suffix_of
 from worker.run import Run
 from worker.sandbox import MethodError
 from worker.unpublished import Unpublished

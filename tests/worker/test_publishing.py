@@ -29,9 +29,10 @@ from worker import vectorizing
 from worker.answers import MediaAnswer, VectorizeAnswer
 from worker.failures import OptionError, problem_of
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
+from worker.needed import wanted
 from worker.patience import Patience
 from worker.progress import ProgressScale
-from worker.rendering import DrawnLook, _Extra, names_of_files, publish, wanted
+from worker.publishing import DrawnExtra, DrawnLook, names_of_files, publish
 from worker.run import Run
 from worker.sandbox import Sandbox
 from worker.stopping import StoppedError
@@ -79,9 +80,9 @@ def drawn(run: Run) -> tuple[list[DrawnLook], dict[str, Media]]:
     assert medium is not None
     folder = run.draft_folder()
     extras = (
-        _Extra("look.cube", 1, write(folder / "look-1.cube")),
-        _Extra("look.cube", 2, write(folder / "look-2.cube")),
-        _Extra("matte", 1, write(folder / "matte-1.mkv")),
+        DrawnExtra("look.cube", 1, write(folder / "look-1.cube")),
+        DrawnExtra("look.cube", 2, write(folder / "look-2.cube")),
+        DrawnExtra("matte", 1, write(folder / "matte-1.mkv")),
     )
     report = Report("landmarks", "table")
     return [DrawnLook(look, write(folder / "look-0.mp4"), report, extras)], {medium.id: medium}
@@ -157,7 +158,7 @@ def names_of(run: Run, looks: list[tuple[str, str]], *, extras: tuple[str, ...] 
         ids = [f"{role}_{name}" for role, name in zip(("vid", "ref"), names, strict=True)]
         present |= {one: Media(id=one, filename=name) for one, name in zip(ids, names, strict=True)}
         look = Look(position=position, video_id=ids[0], reference_id=ids[1])
-        files = tuple(_Extra("matte", 1, folder / name) for name in extras)
+        files = tuple(DrawnExtra("matte", 1, folder / name) for name in extras)
         made.append(DrawnLook(look, folder / f"look-{position}.mkv", Report("landmarks", "table"), files))
     named = names_of_files(made[::-1], present)  # by the order of the looks, not by that of the videos
     return [named[position] for position in range(len(looks))]
