@@ -88,17 +88,12 @@ def _decode(clip: OpenClip, wanted: range, options: _ReadOptions) -> Iterator[Fr
         if plan is None:
             plan, stated = decoding_plan(clip, picture, options.input_color), Stated.of(picture)
         if stated is not None and (change := stated.change_to(Stated.of(picture))) is not None:
-            line, stated = f"{change} at frame {index}", None
-            if options.strict:
-                raise MediaError(f"{clip.name} {line}; re-encode it in one way")
-            if options.notice is not None:
-                options.notice(f"it {line}: all is read as its first picture")
+            _tell_change(clip.name, f"{change} at frame {index}", options)
+            stated = None  # one is told
         check_picture(clip.name, picture, plan, index, options.limits)
         pts = _stamp(clip, picture, last)
         first = pts if first is None else first
-        if (pts - first) * clip.time_base > options.limits.max_duration_s:
-            most_s = options.limits.max_duration_s
-            raise TooLongError(f"{clip.name} runs past {most_s} s at frame {index}; cut it shorter", most_s, "seconds")
+        _check_duration(clip.name, (pts - first) * clip.time_base, index, options.limits)
         if index in wanted:
             yield within_depth(clip.name, to_frame(picture, plan, index, pts, clip.time_base))
         last, index = pts, index + 1
@@ -106,6 +101,20 @@ def _decode(clip: OpenClip, wanted: range, options: _ReadOptions) -> Iterator[Fr
             return
     if index == 0:
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
+
+
+def _tell_change(name: str, change: str, options: _ReadOptions) -> None:
+    """Of a clip that states otherwise what it is, from a frame on. Raises MediaError where that is refused."""
+    if options.strict:
+        raise MediaError(f"{name} {change}; re-encode it in one way")
+    if options.notice is not None:
+        options.notice(f"it {change}: all is read as its first picture")
+
+
+def _check_duration(name: str, seconds: Fraction, index: int, limits: MediaLimits) -> None:
+    if seconds > limits.max_duration_s:
+        most_s = limits.max_duration_s
+        raise TooLongError(f"{name} runs past {most_s} s at frame {index}; cut it shorter", most_s, "seconds")
 
 
 def _read_from(path: Path, wanted: range, options: _ReadOptions, order: DisplayOrder) -> Iterator[Frame]:
