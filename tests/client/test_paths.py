@@ -1,4 +1,4 @@
-"""Ids on their way into addresses: one id is one segment, and what is none goes nowhere."""
+"""Ids on their way into addresses, and keys into headers: one id is one segment, and what is none goes nowhere."""
 
 from __future__ import annotations
 
@@ -54,6 +54,31 @@ def test_of_an_address_that_is_no_id_the_signature_is_not_told() -> None:
         client.download("http://service.test/v1/results/res_1?expires=1&signature=abc", "look.mp4")
     assert "results/res_1" in str(caught.value)
     assert "abc" not in str(caught.value)
+
+
+#: every call that takes a key of the caller's own
+KEYED: dict[str, Callable[..., Any]] = {
+    "transfer": lambda client, **key: client.transfer("vid_1", reference="ref_1", **key),
+    "swap": lambda client, **key: client.swap("vid_1", "vid_2", **key),
+    "cancel": lambda client, **key: client.cancel("job_1", **key),
+    "link": lambda client, **key: client.link("res_1", **key),
+    "upload": lambda client, **key: client.upload(__file__, **key),
+    "upload in pieces": lambda client, **key: client.upload(__file__, resume=True, **key),
+    "upload by url": lambda client, **key: client.upload(url="https://elsewhere.test/clip.mp4", **key),
+    "upload_link": lambda client, **key: client.upload_link(**key),
+    "replay": lambda client, **key: client.replay("msg_1", **key),
+    "rotate_webhook_secret": lambda client, **key: client.rotate_webhook_secret(**key),
+}
+
+
+@pytest.mark.parametrize("call", KEYED)
+@pytest.mark.parametrize("key", ["a\nb", "a\r\nHost: b", "größe", "a b", " a", "a\x00", "\x7f"])
+def test_a_key_that_no_header_can_carry_is_refused_before_anything_is_sent(
+    call: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with Client(transport=Script()) as client, pytest.raises(ValueError, match="idempotency_key has spaces"):
+        KEYED[call](client, idempotency_key=key)
 
 
 @pytest.mark.parametrize("index", ["../../..", "0/../../poster", "0?layer=mask", ""])

@@ -9,6 +9,7 @@ import asyncio
 import json
 import math
 import random
+import re
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable, Generator, Iterator, Mapping
@@ -34,6 +35,8 @@ _LONGEST_BACKOFF_S: Final = 10.0
 _LAST_ANSWER_S: Final = 2.0
 _TRY_AGAIN: Final = frozenset({429, 502, 503, 504})
 _CHUNK_BYTES: Final = 256 * 1024
+#: what keys are made of: headers carry little else
+VISIBLE: Final = re.compile(r"[\x21-\x7e]+")
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -185,7 +188,12 @@ def of_metadata(metadata: Mapping[str, str] | None) -> Params:
 
 
 def once(key: str | None) -> dict[str, str]:
-    """The header that lets a POST be sent again: of the caller's own key, or of a new one."""
+    """The header that lets a POST be sent again: of the caller's own key, or of a new one.
+
+    Raises `ValueError` for a key that no header can carry.
+    """
+    if key and not VISIBLE.fullmatch(key):
+        raise ValueError("the idempotency_key has spaces, line breaks or letters that are not ASCII within")
     return {"Idempotency-Key": key or str(uuid.uuid4())}
 
 

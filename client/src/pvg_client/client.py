@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-import re
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from functools import wraps
@@ -15,7 +14,7 @@ import httpx
 
 from pvg_client import account, deliveries, downloads, links, media, pictures, uploads
 from pvg_client import jobs as work
-from pvg_client.calls import API_PATH, Api, Flow, Pause, Send, Work
+from pvg_client.calls import API_PATH, VISIBLE, Api, Flow, Pause, Send, Work
 from pvg_client.events import Following
 from pvg_client.models import Job, id_of
 from pvg_client.pages import Listing
@@ -27,8 +26,6 @@ Wrapper = TypeVar("Wrapper", bound=Callable[..., Any])
 LOCAL: Final = "http://127.0.0.1:8000"
 TIMEOUT_S: Final = 60.0
 RETRIES: Final = 8
-#: what a header can carry; keys have even less
-_VISIBLE: Final = re.compile(r"[\x21-\x7e]+")
 
 
 def _api(base_url: str, key: str | None, timeout: float, retries: int) -> Api:
@@ -41,7 +38,7 @@ def _api(base_url: str, key: str | None, timeout: float, retries: int) -> Api:
     url = url.copy_with(path=url.path.rstrip("/").removesuffix(API_PATH) + "/")
     if key is not None:
         key = key.strip()  # as files end in a new line
-        if not _VISIBLE.fullmatch(key):
+        if not VISIBLE.fullmatch(key):
             raise ValueError("the key is empty, or has spaces, line breaks or letters that are not ASCII within")
     return Api(url, key, timeout, retries)
 
