@@ -18,6 +18,7 @@ from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
 from service.catalog.paging import newest
 from service.catalog.requests import DEFAULT_VECTOR_SETTINGS, VectorizeRequest, VectorSettings, vector_settings
+from service.catalog.retention import is_kept
 from service.catalog.transitions import Lease, MediaStep, take_media_step
 
 #: the least that a time is moved by
@@ -294,17 +295,9 @@ def kept_until(session: Session, job_ids: Collection[str]) -> dict[str, datetime
     return dict(iter(session.execute(select(Media.job_id, Media.expires_at).where(Media.job_id.in_(job_ids)))))
 
 
-def is_kept(media: Media, *, now: datetime, ttl_s: float) -> bool:
-    """Whether the retention of a medium was counted anew so lately that a use by the way needs no write for it.
-
-    That is within the last hour, or a 24th of a retention of less than a day.
-    """
-    return media.expires_at > now + timedelta(seconds=ttl_s - min(3600.0, ttl_s / 24))
-
-
 def use(media: Iterable[Media], *, now: datetime, ttl_s: float) -> None:
     """Count the retention of these media, which are locked, from now, unless it was lately: a use by the way."""
-    keep([one for one in media if not is_kept(one, now=now, ttl_s=ttl_s)], now=now, ttl_s=ttl_s)
+    keep([one for one in media if not is_kept(one.expires_at, now=now, ttl_s=ttl_s)], now=now, ttl_s=ttl_s)
 
 
 def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timings: dict[str, Any]) -> list[str] | None:

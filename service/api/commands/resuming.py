@@ -32,6 +32,7 @@ from service.api.storing import store
 from service.api.tus import Checksum
 from service.api.uploads import FileSink, Intake, ReceivedFile, clean_name
 from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, amounts, resumable, vector_settings
+from service.catalog.retention import is_kept
 from service.errors import (
     ChecksumError,
     ConflictError,
@@ -174,7 +175,8 @@ async def append(
     if upload.size_bytes is None or offset != upload.offset_bytes:
         raise ConflictError(f"the next byte is {upload.offset_bytes}, not {offset}")
     left = upload.size_bytes - offset
-    if left:
+    now, ttl_s = services.database.now(), services.settings.upload_ttl_s
+    if left and not is_kept(upload.expires_at, now=now, ttl_s=ttl_s):
         await services.calls.write(keep, services, upload.id)
     async with (
         services.arriving.place(upload.owner, free=upload.id) as share,  # its size was counted when it was announced

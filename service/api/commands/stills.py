@@ -18,6 +18,7 @@ from service.api.ranges import matches
 from service.api.services import Services
 from service.catalog import Media, MediaState, PreviewState, Role, StillRequest, media, previews, workers
 from service.catalog.requests import to_json
+from service.catalog.retention import is_kept
 from service.errors import (
     PROBLEMS,
     ConflictError,
@@ -140,7 +141,7 @@ def _check(services: Services, owner: str, wanted: WantedStill) -> tuple[str, li
         raise _unavailable("no worker makes pictures right now")
     assets = sorted([one.id, one.asset_key] for one in found)
     told = json.dumps([_EDITION, wanted.media_id, assets, to_json(wanted.request)], sort_keys=True)
-    unused = [one.id for one in found if not media.is_kept(one, now=now, ttl_s=ttl_s)]
+    unused = [one.id for one in found if not is_kept(one.expires_at, now=now, ttl_s=ttl_s)]
     return hashlib.sha256(told.encode()).hexdigest(), unused
 
 

@@ -28,6 +28,7 @@ from service.api import quotas
 from service.api.calls import Calls
 from service.api.commands import resuming
 from service.api.connections import BoundedProtocol
+from service.api.services import Services
 from service.catalog import keys, resumable, utc_now
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings
@@ -528,6 +529,27 @@ def test_an_upload_that_is_not_gone_on_with_goes(tmp_path: Path, monkeypatch: py
         api.services.reaper.expire()
         api.services.reaper.delete()
         assert api.blobs == []
+
+
+def test_a_piece_has_its_upload_outlive_its_time_and_none_that_follows_at_once_writes_for_that(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url, data = begin(api.client, 3000), content(3000)
+    kept: list[str] = []
+    keep = resuming.keep
+
+    def counted(services: Services, upload_id: str) -> None:
+        kept.append(upload_id)
+        keep(services, upload_id)
+
+    monkeypatch.setattr(resuming, "keep", counted)
+    assert send(api.client, url, 0, data[:1000]).status_code == 204
+    assert kept == []
+    for hours in (23, 46):  # the second is after the time that the first piece left it
+        monkeypatch.setattr(api.services.database, "now", lambda hours=hours: utc_now() + timedelta(hours=hours))
+        start = 1000 * len(kept) + 1000
+        assert send(api.client, url, start, data[start : start + 1000]).status_code == 204
+    assert len(kept) == 2
 
 
 def test_an_upload_is_its_keys_own_and_counts_in_its_quota(api: Api) -> None:
