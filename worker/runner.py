@@ -93,14 +93,8 @@ class Runner:
             return
         taken, job = claimed
         lease = taken.lease
-        structlog.contextvars.bind_contextvars(job=job.id, kind=job.kind, attempt=job.attempt)
-        if job.media_id is not None:
-            structlog.contextvars.bind_contextvars(medium=job.media_id)
-        if job.parent_id is not None:
-            structlog.contextvars.bind_contextvars(part_of=job.parent_id)
+        _name_in_logs(job)
         tracing.traceparent.set(job.traceparent)  # jobs that this one makes are of its trace
-        if job.traceparent is not None:
-            structlog.contextvars.bind_contextvars(trace_id=tracing.trace_id(job.traceparent))
         log.info("job begins")
         with LeaseKeeper(self._database, lease, self._settings, lambda: self._give_back(job, lease)) as keeper:
             if taken.deferred is not None:  # a broker that is away takes its time
@@ -303,6 +297,17 @@ class Runner:
             except Exception as error:  # the reaper sends it again, and a second one does no harm
                 log.warning("publish failed", waiting_job=message.job_id, error=type(error).__name__)
                 return
+
+
+def _name_in_logs(job: Job) -> None:
+    """Have all lines that follow name the job, and what it is of."""
+    structlog.contextvars.bind_contextvars(job=job.id, kind=job.kind, attempt=job.attempt)
+    if job.media_id is not None:
+        structlog.contextvars.bind_contextvars(medium=job.media_id)
+    if job.parent_id is not None:
+        structlog.contextvars.bind_contextvars(part_of=job.parent_id)
+    if job.traceparent is not None:
+        structlog.contextvars.bind_contextvars(trace_id=tracing.trace_id(job.traceparent))
 
 
 def _done(run: Run) -> bool:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import delete, func, select, true
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, delete, func, select, true
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from service.catalog import collecting
 from service.catalog.jobs import OF_CLIENTS
@@ -71,6 +71,36 @@ class Statistics:
 
 def collect(session: Session, *, now: datetime, alive_since: datetime) -> Statistics:
     """Count. Workers that were seen since ``alive_since`` are alive."""
+    active, repeated = _active(session)
+    alive = select(Worker.kind, Worker.lacks, func.count()).where(Worker.seen_at >= alive_since)
+    living = session.execute(alive.group_by(Worker.kind, Worker.lacks)).all()
+    begun = (ResumableUpload.media_id.is_(None), ResumableUpload.size_bytes.is_not(None))
+    arriving = select(func.count()).where(*begun, ResumableUpload.expires_at >= now)
+    open_ = (Preview.state.in_((PreviewState.ASKED, PreviewState.TAKEN)), Preview.created_at > now - _PREVIEW)
+    return Statistics(
+        active=active,
+        parts=_by_state(session, Job.state, Job.parent_id.is_not(None), Job.state.in_(ACTIVE)),
+        repeated=repeated,
+        oldest_s=_oldest_s(session, now),
+        ended=_ended(session),
+        workers={lacks or "": count for kind, lacks, count in living if kind == "jobs"},
+        preview_workers=sum(count for kind, lacks, count in living if kind == "previews" and not lacks),
+        stored=_stored(session),
+        deliveries=_by_state(session, Delivery.state, Delivery.state != DeliveryState.DELIVERED),
+        uploads=session.scalar(arriving) or 0,
+        previews=_by_state(session, Preview.state, *open_),
+        tombstones=session.scalar(select(func.count()).where(true()).select_from(Tombstone)) or 0,
+        is_halted=collecting.halted(session) is not None,
+    )
+
+
+def _by_state(session: Session, state: InstrumentedAttribute[str], *those: ColumnElement[bool]) -> dict[str, int]:
+    counted = select(state, func.count()).where(*those).group_by(state)
+    return {str(name): count for name, count in session.execute(counted)}
+
+
+def _active(session: Session) -> tuple[Counter[tuple[str, str]], Counter[str]]:
+    """Unfinished jobs by queue and state, and by queue those of them that are tried again."""
     active: Counter[tuple[str, str]] = Counter()
     repeated: Counter[str] = Counter()
     # a labelled column is grouped by its name: PostgreSQL takes the same expression twice for two
@@ -81,43 +111,35 @@ def collect(session: Session, *, now: datetime, alive_since: datetime) -> Statis
     ):
         active[queue, "waiting" if waiting else state] += count
         repeated[queue] += count if again else 0
+    return active, repeated
+
+
+def _oldest_s(session: Session, now: datetime) -> dict[str, float]:
+    """Since when the oldest job of each queue waits for a worker."""
     queued = (Job.state == JobState.QUEUED, Job.waiting.is_(False), OF_CLIENTS)
-    waits = select(Job.queue, func.min(Job.queued_at)).where(*queued)
-    shares = select(Job.state, func.count()).where(Job.parent_id.is_not(None), Job.state.in_(ACTIVE))
-    oldest = {queue: (now - since).total_seconds() for queue, since in session.execute(waits.group_by(Job.queue))}
+    waits = select(Job.queue, func.min(Job.queued_at)).where(*queued).group_by(Job.queue)
+    return {queue: (now - since).total_seconds() for queue, since in session.execute(waits)}
+
+
+def _ended(session: Session) -> Counter[tuple[str, str]]:
+    """Jobs that have ended by kind and state, those too whose records are removed."""
     ended: Counter[tuple[str, str]] = Counter()
     over = (Job.kind.in_(tuple(JobKind)), Job.state.in_(ENDED), Job.finished_at.is_not(None), OF_CLIENTS)
     kept = select(Job.kind, Job.state, func.count()).where(*over).group_by(Job.kind, Job.state)
     removed = select(RemovedJobs.kind, RemovedJobs.state, RemovedJobs.count)
     for kind, state, count in (*session.execute(kept), *session.execute(removed)):
         ended[kind, state] += count
-    alive = select(Worker.kind, Worker.lacks, func.count()).where(Worker.seen_at >= alive_since)
-    living = session.execute(alive.group_by(Worker.kind, Worker.lacks)).all()
-    told = select(Delivery.state, func.count()).where(Delivery.state != DeliveryState.DELIVERED)
-    begun = (ResumableUpload.media_id.is_(None), ResumableUpload.size_bytes.is_not(None))
-    arriving = select(func.count()).where(*begun, ResumableUpload.expires_at >= now)
-    open_ = (Preview.state.in_((PreviewState.ASKED, PreviewState.TAKEN)), Preview.created_at > now - _PREVIEW)
-    drawn = select(Preview.state, func.count()).where(*open_)
-    return Statistics(
-        active=active,
-        parts={str(state): count for state, count in session.execute(shares.group_by(Job.state))},
-        repeated=repeated,
-        oldest_s=oldest,
-        ended=ended,
-        workers={lacks or "": count for kind, lacks, count in living if kind == "jobs"},
-        preview_workers=sum(count for kind, lacks, count in living if kind == "previews" and not lacks),
-        stored={
-            "source": session.scalar(select(func.sum(Media.size_bytes))) or 0,
-            "asset": session.scalar(select(func.sum(Media.asset_bytes))) or 0,
-            "result": session.scalar(select(func.sum(Result.size_bytes)).where(Result.blob_key.is_not(None))) or 0,
-            "part": session.scalar(select(func.sum(UploadPart.size_bytes))) or 0,
-        },
-        deliveries={str(state): count for state, count in session.execute(told.group_by(Delivery.state))},
-        uploads=session.scalar(arriving) or 0,
-        previews={str(state): count for state, count in session.execute(drawn.group_by(Preview.state))},
-        tombstones=session.scalar(select(func.count()).where(true()).select_from(Tombstone)) or 0,
-        is_halted=collecting.halted(session) is not None,
-    )
+    return ended
+
+
+def _stored(session: Session) -> dict[str, int]:
+    """Bytes by what they are."""
+    return {
+        "source": session.scalar(select(func.sum(Media.size_bytes))) or 0,
+        "asset": session.scalar(select(func.sum(Media.asset_bytes))) or 0,
+        "result": session.scalar(select(func.sum(Result.size_bytes)).where(Result.blob_key.is_not(None))) or 0,
+        "part": session.scalar(select(func.sum(UploadPart.size_bytes))) or 0,
+    }
 
 
 def remove_jobs(session: Session, job_ids: list[str]) -> int:
