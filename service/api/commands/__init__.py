@@ -1,6 +1,6 @@
 """The use cases: what a request makes of the records, the files and the queue."""
 
-from service.api.commands import resuming, stills
+from service.api.commands import pieces, resuming, stills
 from service.api.commands.asked import Asked
 from service.api.commands.checks import WantedLook, WantedOutput, check_look, check_role, check_usable
 from service.api.commands.looks import check_looks, find_lost, params_of, request_looks
@@ -17,6 +17,7 @@ __all__ = [
     "check_usable",
     "find_lost",
     "params_of",
+    "pieces",
     "register",
     "remove",
     "remove_job",

@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect
 from service import addresses
 from service.api import quotas, tus
 from service.api.authentication import Caller, CallerDep
-from service.api.commands import resuming
+from service.api.commands import pieces, resuming
 from service.api.dependencies import PageSize, Responses, ServicesDep, UploadCursor, UploadId, problems
 from service.api.idempotency import Once, OnceDep, Replay
 from service.api.json_body import media_type, read_json
@@ -239,7 +239,7 @@ async def append_to_upload(request: Request, opened: UploadDep, services: Servic
     tus.check_version(request.headers)
     tus.check_content_type(request.headers)
     offset, checksum = tus.number(request.headers, "Upload-Offset"), tus.checksum(request.headers)
-    now = await resuming.append(services, request, opened.upload, offset, checksum, by_link=opened.by_link)
+    now = await pieces.append(services, request, opened.upload, offset, checksum, by_link=opened.by_link)
     return Response(status_code=204, headers=opened.progress(now))
 
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter
 
 from service.api import fetches, quotas, streams
 from service.api.authentication import CallerDep
-from service.api.commands import resuming
+from service.api.commands import pieces
 from service.api.dependencies import MAX_PAGE, MAX_WAIT_S, ServicesDep, problems
 from service.api.schemas import (
     MAX_LINK_S,
@@ -78,7 +78,7 @@ def _limits(services: Services, owner: str) -> LimitsBody:
             redirects=MAX_REDIRECTS,
             url_characters=MAX_URL_CHARACTERS,
             uploads=quotas.MAX_OPEN_UPLOADS,
-            pieces=resuming.MAX_PARTS,
+            pieces=pieces.MAX_PARTS,
             link_s=MAX_LINK_S,
             streams=streams.PER_OWNER,
             previews=settings.max_open_previews,

@@ -26,7 +26,7 @@ from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
 
 from service.api import quotas
 from service.api.calls import Calls
-from service.api.commands import resuming
+from service.api.commands import pieces, resuming
 from service.api.connections import BoundedProtocol
 from service.api.services import Services
 from service.catalog import keys, resumable, utc_now
@@ -143,7 +143,7 @@ def test_pieces_in_an_object_store(tmp_path: Path, bucket: S3) -> None:
 
 
 def test_an_upload_has_no_more_pieces_than_there_may_be(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(resuming, "MAX_PARTS", 3)
+    monkeypatch.setattr(pieces, "MAX_PARTS", 3)
     data = content()
     url = begin(api.client, len(data))
     for start in (0, 100, 200):
@@ -438,7 +438,7 @@ def test_all_that_came_before_the_connection_broke_is_kept(
 
 
 def test_a_long_piece_is_stored_as_it_comes(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(resuming, "PART_BYTES", 100_000)
+    monkeypatch.setattr(pieces, "PART_BYTES", 100_000)
     drafts: list[int] = []
     blobs = api.services.blobs
     real = blobs.expect
@@ -542,7 +542,7 @@ def test_a_piece_has_its_upload_outlive_its_time_and_none_that_follows_at_once_w
         kept.append(upload_id)
         keep(services, upload_id)
 
-    monkeypatch.setattr(resuming, "keep", counted)
+    monkeypatch.setattr(pieces, "keep", counted)
     assert send(api.client, url, 0, data[:1000]).status_code == 204
     assert kept == []
     for hours in (23, 46):  # the second is after the time that the first piece left it
