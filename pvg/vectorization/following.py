@@ -26,8 +26,9 @@ from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.surroundings import surroundings
 
 CHUNK = 32  # frames a face is followed by at a time
-# frames that must be known after the last of them: the smoothing's filters reach 22, and cuts that are told afterwards
-LOOKAHEAD = LOOKBACK  # lie back that far
+# frames that must be known after the last of them: cuts that are told afterwards lie back that far, and the smoothing's
+# filters reach 22
+LOOKAHEAD = LOOKBACK
 HISTORY = 96  # frames before them that tell jitter from movement
 # of the contrast of a shot's pictures: less is a fade, more is none [measured: 0.8 and more in clips without one]
 _FADED, _CLEAR = 0.75, 0.95

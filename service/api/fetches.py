@@ -37,11 +37,8 @@ class Fetches:
             )
         if self._of.total >= IN_ALL:
             raise UnavailableError("too many files are being fetched; try again")
-        self._of.take(owner)
-        try:
+        with self._of.one_more(owner):
             yield
-        finally:
-            self._of.leave(owner)
 
 
 async def while_connected(request: Request, work: Coroutine[None, None, T]) -> T:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class PerOwner:
@@ -29,3 +31,12 @@ class PerOwner:
         self._of[owner] -= 1
         if not self._of[owner]:
             del self._of[owner]
+
+    @contextmanager
+    def one_more(self, owner: str) -> Iterator[None]:
+        """One more inside the block."""
+        self.take(owner)
+        try:
+            yield
+        finally:
+            self.leave(owner)

@@ -42,11 +42,8 @@ class Streams:
             )
         if self._of.total >= self._limit:
             raise UnavailableError("there are too many streams of events; ask with ?wait= instead")
-        self._of.take(owner)
-        try:
+        with self._of.one_more(owner):
             yield
-        finally:
-            self._of.leave(owner)
 
 
 class EventStream(StreamingResponse):
