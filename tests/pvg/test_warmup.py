@@ -119,6 +119,13 @@ def test_after_warming_up_no_transfer_compiles_anything(inputs: Path) -> None:
     assert transfers.compiled == set()
 
 
+def test_two_processes_compile_all_of_it_between_them() -> None:
+    halves = ("_render()", "_solve(); warmup._follow_and_show()")
+    done = [kernels(f"from pvg import warmup; warmup.{half}").used for half in halves]
+    assert min(map(len, done)) > 20
+    assert done[0] | done[1] == kernels(WARM_UP).used
+
+
 def test_compiling_would_be_seen(tmp_path: Path) -> None:
     script = "import numpy as np; from pvg.face import FaceAxes; FaceAxes.of(np.zeros((106, 2)))"
     seen = kernels(script, NUMBA_CACHE_DIR=str(tmp_path))
