@@ -7,6 +7,7 @@ only read, writes where it can, and otherwise compiles for this process alone (d
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import logging
 import signal
@@ -103,7 +104,9 @@ def _signals_held() -> Iterator[None]:
 class _KernelCache:
     """Machine code of one function, in the first place that has it; what numba's dispatchers call a cache.
 
-    A file written by somebody else is as trusted as the module beside it: no place is shared between users.
+    A file written by somebody else is as trusted as the module beside it: no place is shared between users. Each set of
+    types has an index of its own: in one of all, two processes that compile at the same time would both call theirs the
+    first, and the index of one would name the code of the other.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -111,23 +114,22 @@ class _KernelCache:
         code = self._function.__code__
         file = Path(code.co_filename)
         name = f"{file.stem}.{function.__qualname__}-{code.co_firstlineno}.{sys.implementation.cache_tag}{sys.abiflags}"
-        stamp = _stamp(self._function)
-        places = _places(file.parent) if stamp else []
-        name = name.replace("<", "").replace(">", "")
-        self._files = [IndexDataCacheFile(str(place), name, stamp) for place in places]  # type: ignore[no-untyped-call]
+        self._name = name.replace("<", "").replace(">", "")
+        self._stamp = _stamp(self._function)
+        self._places = _places(file.parent) if self._stamp else []
 
     @property
     def cache_path(self) -> str | None:
         """Folder that is looked into first."""
-        return str(self._files[0]._cache_path) if self._files else None
+        return str(self._places[0]) if self._places else None
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """The compiled function for these types, or None. A damaged file counts as none."""
         context.refresh()
         key = self._key(signature, context.codegen())
-        for file in self._files:
+        for file in self._files(key):
             try:
-                found = file.load(key)  # type: ignore[no-untyped-call]
+                found = file.load(key)
             except Exception as error:  # unpickling a damaged file may raise anything
                 _log.debug("the kernel cache %s cannot be read: %r", file._index_path, error)
                 continue
@@ -139,7 +141,7 @@ class _KernelCache:
         """Keep what was compiled in the first place that can be written."""
         key = self._key(signature, compiled.codegen)
         data = compiled._reduce()
-        for file in self._files:
+        for file in self._files(key):
             try:
                 Path(file._cache_path).mkdir(parents=True, exist_ok=True)
                 _save(file, key, data)
@@ -150,9 +152,17 @@ class _KernelCache:
 
     def flush(self) -> None:
         """Forget what was kept, where it can be written."""
-        for file in self._files:
+        for place in self._places:
             with suppress(OSError):
-                file.flush()  # type: ignore[no-untyped-call]
+                for index in place.glob(f"{glob.escape(self._name)}.*.nbi"):
+                    index.unlink()
+
+    def _files(self, key: tuple[Any, ...]) -> list[Any]:
+        """The files of one set of types on one processor, by preference."""
+        signature, processor, _ = key
+        types = hashlib.sha256(repr((str(signature), processor)).encode()).hexdigest()[:16]
+        name = f"{self._name}.{types}"
+        return [IndexDataCacheFile(str(place), name, self._stamp) for place in self._places]  # type: ignore[no-untyped-call]
 
     def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
         # the processor is part of it: its name and features, or what NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say instead

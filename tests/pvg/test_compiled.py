@@ -16,6 +16,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numba
 import pytest
 from llvmlite.binding.executionengine import ExecutionEngine
 from numba.core.caching import IndexDataCacheFile, NullCache
@@ -300,3 +301,50 @@ def test_a_process_that_another_thread_forks_meanwhile_has_its_handlers() -> Non
         thread.start()
         thread.join()
         assert told == [signal.SIGUSR2]
+
+
+def test_processes_that_keep_other_types_at_once_do_not_mix_them_up(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+
+    @numba.njit
+    def twice(x: Any) -> Any:
+        return x + x
+
+    twice(1), twice(1.0)
+    known, both = twice.overloads, threading.Barrier(2)
+    of_integers, of_floats = known
+    first_is_kept = threading.Event()
+    read, keep = IndexDataCacheFile._load_index, IndexDataCacheFile._save_data
+
+    def read_at_once(file: Any) -> Any:
+        index = read(file)
+        both.wait(10)
+        return index
+
+    def keep_in_turn(file: Any, name: str, data: Any) -> None:
+        both.wait(10)  # both have written their index
+        if threading.current_thread().name == "floats":
+            first_is_kept.wait(10)
+        keep(file, name, data)
+        first_is_kept.set()
+
+    monkeypatch.setattr(IndexDataCacheFile, "_load_index", read_at_once)
+    monkeypatch.setattr(IndexDataCacheFile, "_save_data", keep_in_turn)
+    processes = [
+        threading.Thread(
+            target=_compiled._KernelCache(twice.py_func).save_overload, args=(types, known[types]), name=name
+        )
+        for types, name in ((of_integers, "integers"), (of_floats, "floats"))
+    ]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    monkeypatch.undo()
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    for types in (of_integers, of_floats):
+        found = _compiled._KernelCache(twice.py_func).load_overload(types, twice.targetctx)
+        assert found is not None
+        assert found.signature == known[types].signature
