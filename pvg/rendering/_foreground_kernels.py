@@ -11,6 +11,32 @@ from pvg.rendering._kernels import Grid, Samples, whole_run
 
 
 @kernel(fastmath=True)
+def least_around(alpha: Floats, hardly: np.float32, beta: Floats) -> None:
+    """beta (h, w) = the least of alpha (h, w) at each pixel and its eight neighbours, `hardly` at least where there is
+    as much at the pixel itself.
+    """
+    h, w = alpha.shape
+    least = np.empty(w + 2, np.float32)  # of three rows, one column more at each end
+    for i in range(h):
+        first, last = whole_run(alpha[i])
+        beta[i, :first] = np.float32(0.0)
+        beta[i, last:] = np.float32(0.0)
+        if first >= last:
+            continue
+        begin, end = max(first - 1, 0), min(last + 1, w)
+        own, above, below = alpha[i, begin:end], alpha[max(i - 1, 0), begin:end], alpha[min(i + 1, h - 1), begin:end]
+        column = least[1 : 1 + end - begin]
+        for j in range(end - begin):
+            column[j] = min(above[j], own[j], below[j])
+        least[0], least[1 + end - begin] = least[1], least[end - begin]
+        at = first - begin
+        left, middle, right = least[at:], least[at + 1 :], least[at + 2 :]
+        here, to = alpha[i, first:last], beta[i, first:last]
+        for j in range(last - first):
+            to[j] = max(min(left[j], middle[j], right[j]), min(here[j], hardly))
+
+
+@kernel(fastmath=True)
 def sum_sure(part: Samples, beta: Floats, sure: np.float32, cell: int, sums: Floats) -> None:
     """sums (2, rows, columns) = the sum over each cell of cell × cell samples with β ≥ sure, and their number.
 

@@ -39,7 +39,6 @@ _CELLS = 2  # of the matte to a cell of means
 _SAMPLES = 4  # a side of such a cell that its mean is taken of, at least
 _SPREAD = 1.0  # such cells, sigma of the mean [by eye: an edge is some cells wide]
 _UNKNOWN = np.float32(-1e9)  # a mean that is read beside one is negative, by a share of it that is as small as 1/64 too
-_NEIGHBOURS = np.ones((3, 3), np.uint8)
 _HARDLY = np.float32(1e-4)  # of β, where there is any skin
 _LEAST = np.float32(3e-4)  # of a mean's mass where all around is sure: with less there is none
 
@@ -48,12 +47,17 @@ _LEAST = np.float32(3e-4)  # of a mean's mass where all around is sure: with les
 class Foreground:
     """What the pixels of a matte's window show of skin, for any number of looks.
 
-    planes: contiguous samples of the window;  chroma_alpha: the matte over those of chroma, (r, c).
+    planes: contiguous samples of the window;  alpha: the matte (h, w).
     """
 
     planes: tuple[NDArray[Any], ...]
-    chroma_alpha: Floats
+    alpha: Floats
     format: PixelFormat
+
+    @cached_property
+    def chroma_alpha(self) -> Floats:
+        """The matte over the samples of chroma, (r, c)."""
+        return over_chroma(self.alpha, self.format)
 
     @cached_property
     def smooth(self) -> tuple[NDArray[Any], ...]:
@@ -75,7 +79,8 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
     """
     shown = as_they_are(frame, corner, alpha)
     luma, *chroma = shown.planes
-    beta = np.maximum(cv2.erode(alpha, _NEIGHBOURS), np.minimum(alpha, _HARDLY))
+    beta = np.empty_like(alpha)
+    kernels.least_around(alpha, _HARDLY, beta)
     _show_skin([luma], beta, step, 0)
     _show_skin(chroma, over_chroma(beta, frame.format), step, frame.format.chroma_log2[0])
     return shown
@@ -85,7 +90,7 @@ def as_they_are(frame: Frame, corner: tuple[int, int], alpha: Floats) -> Foregro
     """The same without anything shown: copies of the planes over the window."""
     (x, y), (rows, columns) = corner, alpha.shape
     planes = (frame.over(p, (x, y, x + columns, y + rows)).copy() for p in range(3))
-    return Foreground(tuple(planes), over_chroma(alpha, frame.format), frame.format)
+    return Foreground(tuple(planes), alpha, frame.format)
 
 
 def _show_skin(parts: list[NDArray[Any]], beta: Floats, step: float, log2x: int) -> None:
