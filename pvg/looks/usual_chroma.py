@@ -79,6 +79,7 @@ class UsualChroma:
 
 def likeness(chroma: Doubles | Floats, usual: Doubles, least: float | Doubles) -> Doubles:
     """r (n,) of chroma (n, 2) beside the usual one (n, 2), e = `least`, see `pvg.rendering.tinge`, on one scale."""
-    size = np.linalg.norm(usual, axis=1)
-    along = (chroma * usual).sum(axis=1) / np.maximum(size, 1e-6)
+    blue, red = usual.T
+    size = np.sqrt(blue * blue + red * red)
+    along = (chroma[:, 0] * blue + chroma[:, 1] * red) / np.maximum(size, 1e-6)
     return np.asarray((along + least) / (size + least))

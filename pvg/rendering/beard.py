@@ -16,9 +16,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from pvg._arrays import Floats, ramp
+from pvg._arrays import Floats, Ints, ramp
 from pvg.face import layout
-from pvg.rendering.blocks import Blocks
+from pvg.rendering.blocks import Blocks, codes_at
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
 
@@ -42,12 +42,12 @@ def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correc
     if not any(isinstance(one.contrast, MapTables) and one.contrast.beard > 0 for one in corrections):
         return list(corrections)
     where = _lower_face(blocks)
-    nodes = where > 0
-    if not nodes.any():
+    nodes = np.flatnonzero(where > 0)
+    if not len(nodes):
         return list(corrections)
     means = blocks.means(_AROUND * blocks.axes.width)
-    above = _cheeks_above(blocks, means)
-    around, cheeks = means[nodes], None if above is None else above[nodes]
+    around, cheeks = codes_at(nodes, means), _cheeks_above(blocks, means, nodes)
+    most = _KEPT * where.reshape(-1).take(nodes)
     level = np.float32(2.0 ** (blocks.frame.format.depth - 8))
     out = []
     for correction in corrections:
@@ -56,13 +56,13 @@ def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correc
             out.append(correction)
             continue
         gained = tables.gained_of(around, around)
-        hair = tables.beard * ramp(_like_skin(tables, around, cheeks), *_HAIR)
-        share = np.repeat((_KEPT * where[nodes] * hair)[:, None], 3, axis=1)
-        share[:, 0] *= np.clip(gained[:, 0] / (_BRIGHTER * level), 0.0, 1.0)
-        shares, added = (np.zeros((*blocks.shape, 3), np.float32) for _ in range(2))
-        shares[nodes], added[nodes] = share, share * gained
-        kept, more = (np.moveaxis(blocks.at_nodes(one), -1, 0) for one in (shares, added))
-        out.append(replace(correction, shift=correction.shift * (1 - kept) - more))
+        of_chroma = most * (tables.beard * ramp(_like_skin(tables, around, cheeks), *_HAIR))
+        of_luma = of_chroma * np.clip(gained[:, 0] / (_BRIGHTER * level), 0.0, 1.0)
+        shift = np.empty_like(correction.shift)
+        for p, share in enumerate((of_luma, of_chroma, of_chroma)):
+            kept, more = (blocks.at_nodes(blocks.filled(nodes, one)) for one in (share, share * gained[:, p]))
+            np.subtract(correction.shift[p] * (1 - kept), more, out=shift[p])
+        out.append(replace(correction, shift=shift))
     return out
 
 
@@ -79,8 +79,8 @@ def _like_skin(tables: MapTables, around: Floats, cheeks: Floats | None) -> Floa
     return np.asarray(level / np.maximum(tables.level_of(cheeks[:, 0]), 1.0) * (1.0 - lacks), np.float32)
 
 
-def _cheeks_above(blocks: Blocks, around: Floats) -> Floats | None:
-    """(h, w, 3) the mean codes of the cheeks above each of the blocks, None where no cheek is seen.
+def _cheeks_above(blocks: Blocks, around: Floats, which: Ints) -> Floats | None:
+    """(n, 3) the mean codes of the cheeks above the blocks `which` (n,), None where no cheek is seen.
 
     around: (h, w, 3) mean codes;  where the cheeks end, the last of them goes on.
     """
@@ -88,16 +88,21 @@ def _cheeks_above(blocks: Blocks, around: Floats) -> Floats | None:
     on_cheeks = (blocks.below > low) & (blocks.below < high)
     weight = on_cheeks * (1.0 - blocks.beside) * blocks.alpha
     middle = _COLUMNS // 2
-    column = np.clip(np.rint(blocks.aside / _COLUMN) + middle, 0, _COLUMNS - 1).astype(np.int64).ravel()
-    weighed = np.concatenate([weight[..., None], weight[..., None] * around], axis=-1).reshape(-1, 4)
-    held = np.stack([np.bincount(column, one, _COLUMNS) for one in weighed.T], axis=-1)
+    some = np.flatnonzero(weight)
+    if not len(some):
+        return None
+    column = np.clip(np.rint(blocks.aside.reshape(-1).take(some) / _COLUMN) + middle, 0, _COLUMNS - 1).astype(np.int64)
+    own = weight.reshape(-1).take(some)
+    weighed = [own, *(own * one for one in codes_at(some, around).T)]
+    held = np.stack([np.bincount(column, one, _COLUMNS) for one in weighed], axis=-1)
     sums = np.asarray(cv2.GaussianBlur(held, (1, 0), 0.0, None, _BESIDE / _COLUMN, cv2.BORDER_CONSTANT), np.float64)
     seen = sums[:, 0] > _SEEN * max(float(sums[:, 0].max()), _SEEN)
     if not seen.any():
         return None
     places = (np.flatnonzero(seen) - middle) * _COLUMN
     means = sums[seen, 1:] / sums[seen, :1]
-    return np.stack([np.interp(blocks.aside, places, one) for one in means.T], axis=-1).astype(np.float32)
+    aside = blocks.aside.reshape(-1).take(which)
+    return np.stack([np.interp(aside, places, one) for one in means.T]).astype(np.float32).T
 
 
 def _lower_face(blocks: Blocks) -> Floats:

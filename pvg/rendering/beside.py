@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pvg._arrays import Floats, ramp
-from pvg.rendering.blocks import Blocks
+from pvg.rendering.blocks import Blocks, codes_at
 from pvg.rendering.bounded import beyond_bound_of_means
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
@@ -47,27 +47,26 @@ def with_beside(
     """
     if all(tables is None for tables in beside):
         return list(corrections)
-    share = blocks.beside
-    nodes = share > 0
-    if not nodes.any():
+    nodes = np.flatnonzero(blocks.beside > 0)
+    if not len(nodes):
         return list(corrections)
-    kept = 1.0 - blocks.at_nodes(share)  # of luma's shift
-    at_ears = share[nodes] * _height_of_ears(blocks.below[nodes])
-    around, at_neck = blocks.means(_AROUND * blocks.axes.width)[nodes], share[nodes] - at_ears
+    kept = 1.0 - blocks.at_nodes(blocks.beside)  # of luma's shift
+    share, below = (values.reshape(-1).take(nodes) for values in (blocks.beside, blocks.below))
+    at_ears = share * _height_of_ears(below)
+    around, at_neck = codes_at(nodes, blocks.means(_AROUND * blocks.axes.width)), share - at_ears
     out = []
     for correction, tables in zip(corrections, beside, strict=True):
         own = correction.contrast
         if tables is None or isinstance(own, float):
             out.append(correction)
             continue
-        more = np.zeros((*blocks.shape, 3), np.float32)
         neck, ears = (own.gained_more_by(one, around) for one in tables)
         gained = at_neck * neck + at_ears * ears
-        gained[1:] -= share[nodes] * beyond_bound_of_means(tables.neck, around)  # as much at the ears
-        more[nodes] = gained.T
+        gained[1:] -= share * beyond_bound_of_means(tables.neck, around)  # as much at the ears
         shift = correction.shift.copy()
         shift[0] *= kept
-        shift += np.moveaxis(blocks.at_nodes(more), -1, 0)
+        for p, more in enumerate(gained):
+            shift[p] += blocks.at_nodes(blocks.filled(nodes, more))
         out.append(replace(correction, shift=shift))
     return out
 

@@ -8,7 +8,8 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Floats, Ints
+from pvg._compiled import kernel
 from pvg.face import FaceAxes
 from pvg.membrane import Lattice
 from pvg.raster import SUBPIXEL_BITS, fixed_point
@@ -18,7 +19,7 @@ from pvg.video import Frame
 
 _COARSE = 2  # nodes across a block [measured: a beard that moves flickers in blocks of 3 nodes, not in these]
 _FEATHER = 0.05  # of the face's width: how softly the face goes over into what is beside it [by eye]
-_LEAST = 1e-3  # of alpha: where there is less, no mean is told
+_LEAST = np.float32(1e-3)  # of alpha: where there is less, no mean is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +84,9 @@ class Blocks:
 
         sigma: source pixels.
         """
-        alpha, codes = self.alpha[..., None], self._codes
-        weight = self.softened(alpha, sigma)[..., None]
-        held = self.softened(alpha * codes, sigma)
-        return np.asarray(np.where(weight > _LEAST, held / np.maximum(weight, _LEAST), codes), np.float32)
+        means = self.softened(self._weighed_codes, sigma)
+        _divide(means, self.softened(self.alpha, sigma), self._codes, _LEAST)
+        return means
 
     def _along(self, direction: Floats) -> Floats:
         """(h, w) how far their middles lie from the face's centre in a direction (2,), of its width."""
@@ -104,10 +104,34 @@ class Blocks:
     def _codes(self) -> Floats:
         return mean_codes(self.frame, self.placed.window, self.shape)
 
+    @cached_property
+    def _weighed_codes(self) -> Floats:
+        return self.alpha[..., None] * self._codes
+
     def at_nodes(self, values: Floats) -> Floats:
-        """Values (h, w) or (h, w, C) read at the lattice's nodes."""
+        """Values (h, w) read at the lattice's nodes."""
         size = (self.lattice.width, self.lattice.height)
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+    def filled(self, which: Ints, values: Floats) -> Floats:
+        """(h, w) of values (n,) at the blocks `which` (n,), counted along the rows; 0 elsewhere."""
+        out = np.zeros(self.shape, np.float32)
+        out.reshape(-1)[which] = values
+        return out
+
+
+def codes_at(which: Ints, codes: Floats) -> Floats:
+    """(n, 3) of codes (h, w, 3) at the blocks `which` (n,), counted along the rows; each plane is contiguous."""
+    return np.asarray(cv2.transpose(codes.reshape(-1, 3).take(which, axis=0)).T)
+
+
+@kernel()
+def _divide(sums: Floats, weight: Floats, codes: Floats, least: np.float32) -> None:
+    """sums (h, w, 3) /= weight (h, w), in place; codes (h, w, 3) where that is not more than `least`."""
+    for i in range(weight.shape[0]):
+        for j in range(weight.shape[1]):
+            for p in range(3):
+                sums[i, j, p] = sums[i, j, p] / weight[i, j] if weight[i, j] > least else codes[i, j, p]
 
 
 def _middles(first: float, nodes: int, blocks: int, step: float) -> Floats:
