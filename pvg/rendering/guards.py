@@ -38,13 +38,13 @@ class Guard:
     """What one feature takes out of a face's matte.
 
     x, y: its first pixel in the face's window, multiples of the chroma step;  weight: (h, w) float32, the alpha that
-    is taken out;  center: (2,) float32 source pixels.
+    is taken out;  around: (n,) float32 how much the samples of curves on open skin count for it, by how near they are.
     """
 
     x: int
     y: int
     weight: Floats
-    center: Floats
+    around: Floats
 
 
 def guarded_alpha(
@@ -76,8 +76,16 @@ def guarded_alpha(
             kept = weight * _at_pixels(stays, face, (x, y), weight.shape)
             alpha[y : y + weight.shape[0], x : x + weight.shape[1]] += kept
             weight -= kept
-        guards.append(Guard(x, y, weight, np.asarray(polygon.mean(axis=0), np.float32)))
+        guards.append(Guard(x, y, weight, _skin_around(polygon, face)))
     return alpha, guards
+
+
+def _skin_around(polygon: Floats, face: PlacedFace) -> Floats:
+    """See `Guard`, for a feature within a polygon of source pixels."""
+    spread = _AROUND * max(face.data.landmarks.axes.width, 1.0)
+    center = np.asarray(polygon.mean(axis=0), np.float32)
+    away = (face.positions[face.labels.on_open_skin] - center) / np.float32(spread)
+    return np.asarray(np.exp(-0.5 * (away * away).sum(axis=1)), np.float32)
 
 
 def _at_pixels(nodes: Floats, face: PlacedFace, corner: tuple[int, int], shape: tuple[int, ...]) -> Floats:
@@ -117,10 +125,7 @@ def guard_gain(guard: Guard, face: PlacedFace, luma: Floats, new: Floats, level:
 
     luma, new: (S,) of the boundary colours g and g', codes above black;  level: code values a level of 255.
     """
-    skin = face.labels.on_open_skin
-    spread = _AROUND * max(face.data.landmarks.axes.width, 1.0)
-    away = (face.positions[skin] - guard.center) / np.float32(spread)
-    weight = np.exp(-0.5 * (away * away).sum(axis=1))
+    skin, weight = face.labels.on_open_skin, guard.around
     least = _LEAST_LUMA * level * float(weight.sum())
     before, after = (max(float((weight * values[skin]).sum()), 0.0) + least for values in (luma, new))
     gain = min(max(after / before, _GAINS[0]), _GAINS[1]) if before > 0.0 else 1.0

@@ -57,6 +57,22 @@ def over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
     return out
 
 
+class OverChroma:
+    """`over_chroma` of a frame's weights, which must not change meanwhile: each averaged once for all looks."""
+
+    def __init__(self, pixel_format: PixelFormat) -> None:
+        self._format = pixel_format
+        self._known: list[tuple[Floats, Floats]] = []
+
+    def __call__(self, weight: Floats) -> Floats:
+        """(r, c) of a weight (h, w)."""
+        for known, averaged in self._known:
+            if known is weight:
+                return averaged
+        self._known.append((weight, over_chroma(weight, self._format)))
+        return self._known[-1][1]
+
+
 def with_guards(weight: Floats, guards: Sequence[tuple[Guard, Floats]], pixel_format: PixelFormat) -> Floats:
     """The weight of chroma with a part of what guards took out: in warm light white is a little warm.
 

@@ -26,7 +26,7 @@ from pvg.rendering.correction import Correction
 from pvg.rendering.foreground import Foreground, as_they_are
 from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.plane_samples import luma_bend, over_chroma, with_guards, with_patches
+from pvg.rendering.plane_samples import OverChroma, luma_bend, with_guards, with_patches
 from pvg.rendering.rgb_planes import apply_to_rgb, opponent_of, stacked
 from pvg.rendering.tinge import tinged
 from pvg.video import Frame, Patch, PixelFormat
@@ -47,29 +47,31 @@ def apply_correction(
     guards: Sequence[tuple[Guard, float]] = (),
     fade: Floats | None = None,
     skin: Foreground | None = None,
+    over_chroma: OverChroma | None = None,
 ) -> list[Patch]:
     """The new samples of one face in every plane.
 
     corner: x, y of the source pixel that alpha (h, w) starts at, multiples of the chroma step;  alpha: the face's
     matte, guards taken out;  under: patches of other faces that were laid before;  guards: what was taken out, each
     with what its colours are multiplied by;  fade: (h, w) of `fade_in_dark`, 1 everywhere when None, for F alone;
-    skin: of `foreground`, for F alone, what the frame shows when None.
+    skin: of `foreground`, for F alone, what the frame shows when None;  over_chroma: the same for all looks of a frame.
     """
     if frame.format.is_rgb:
         planes = skin.planes if skin else None
         return apply_to_rgb(frame, corner, alpha, correction, under=under, guards=guards, fade=fade, skin=planes)
     (left, upper), (height, width) = corner, alpha.shape
     pixel_format, contrast = frame.format, correction.contrast
-    chroma_alpha = over_chroma(alpha, pixel_format)
+    over_chroma = over_chroma or OverChroma(pixel_format)
+    chroma_alpha = over_chroma(alpha)
     apply: Callable[[_Samples], None]
     if isinstance(contrast, MapTables):
         shown = skin or as_they_are(frame, corner, alpha)
         chroma_alpha = tinged(contrast, shown.luma_at_chroma, (shown.smooth[1], shown.smooth[2]), chroma_alpha)
-        fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
+        fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade)] * 2]
         apply = partial(_apply_map, correction, contrast, shown, fades)
     else:
         apply = partial(_apply_number, correction, contrast)
-    over = [over_chroma(guard.weight, pixel_format) for guard, _ in guards]
+    over = [over_chroma(guard.weight) for guard, _ in guards]
     held_over = [(guard, held) for (guard, _), held in zip(guards, over, strict=True)]
     chroma_alpha = with_guards(chroma_alpha, held_over, pixel_format)
     patches = []

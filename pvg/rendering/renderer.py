@@ -30,6 +30,7 @@ from pvg.rendering.mouth import see_mouth
 from pvg.rendering.neck import without_chest
 from pvg.rendering.placed_body import PlacedBody, place_body
 from pvg.rendering.placed_face import PlacedFace, add_alpha, divide_overlaps, place_face
+from pvg.rendering.plane_samples import OverChroma
 from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.video import Frame, Patch
 
@@ -296,16 +297,17 @@ class Renderer:
         kinds = [(self.looks[i].protect, correction.mapped) for i, correction in zip(which, corrections, strict=True)]
         faces = {False: placed, True: mapped}
         mattes = _Mattes(faces, mouth.skin, frame.format.chroma_step, in_place=len(set(kinds)) == 1)
+        over = OverChroma(frame.format)
         for one, kind, correction in zip(asked, kinds, corrections, strict=True):
             with_body, under = face in self.looks[one.look].body, out[one.look]
             alpha, guards = mattes.guarded(kind) if with_body else mattes.to_the_neck(kind)
             if correction.mapped:
                 gains = [(guard, guard_gain(guard, placed, g[:, 0], one.luma, level)) for guard in guards]
                 under += apply_correction(
-                    frame, corner, alpha, correction, under=under, guards=gains, fade=fade, skin=skin
+                    frame, corner, alpha, correction, under=under, guards=gains, fade=fade, skin=skin, over_chroma=over
                 )
             else:  # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too
-                under += apply_correction(frame, corner, alpha, correction, under=under)
+                under += apply_correction(frame, corner, alpha, correction, under=under, over_chroma=over)
 
     def _asked(self, look: int, face: int, frame: Frame, g: Floats, new: Floats) -> _Asked:
         """What a look asks for in a face;  g: (S, 3) luma and chroma;  new: (S, 3) g', RGB."""

@@ -2,13 +2,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from pvg.membrane import Lattice
+from pvg.rendering._foreground_kernels import least_around
 from pvg.rendering.correction import Correction
 from pvg.rendering.foreground import foreground
-from pvg.rendering.plane_samples import over_chroma
+from pvg.rendering.plane_samples import OverChroma, over_chroma
 from pvg.rendering.planes import apply_correction
 from pvg.video import PixelFormat
 from tests.gallery.pictures import FORMATS, frame_of
@@ -145,3 +147,22 @@ def test_an_edge_loses_its_chroma_as_the_skin_does(pixel_format: PixelFormat) ->
     band = (alpha[48] > 0.3) & (alpha[48] < 0.9)
     np.testing.assert_allclose(after[band], 0.4 * before[band], atol=3)
     np.testing.assert_array_equal(after[alpha[48] == 0], before[alpha[48] == 0])
+
+
+def test_the_least_of_a_matte_around_a_pixel_is_that_of_an_erosion_by_one() -> None:
+    rng, hardly = np.random.default_rng(0), np.float32(1e-4)
+    for shape in ((1, 1), (1, 40), (40, 1), (70, 90), (33, 200)):
+        alpha = np.clip(cv2.GaussianBlur(rng.normal(0.3, 4, shape).astype(np.float32), (0, 0), 3), 0, 1)
+        alpha[: shape[0] // 3, : shape[1] // 2] = 0
+        beta = np.full(shape, np.nan, np.float32)
+        least_around(alpha, hardly, beta)
+        wanted = np.maximum(cv2.erode(alpha, np.ones((3, 3), np.uint8)), np.minimum(alpha, hardly))
+        np.testing.assert_array_equal(beta, wanted)
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_a_weight_is_averaged_over_chroma_once_for_all_looks(pixel_format: PixelFormat) -> None:
+    over, (one, other) = OverChroma(pixel_format), np.random.default_rng(0).random((2, 7, 9), np.float32)
+    for weight in (one, other, one):
+        np.testing.assert_array_equal(over(weight), over_chroma(weight, pixel_format))
+    assert over(one) is over(one)
