@@ -85,7 +85,7 @@ class Blocks:
         sigma: source pixels.
         """
         means = self.softened(self._weighed_codes, sigma)
-        _divide(means, self.softened(self.alpha, sigma), self._codes, _LEAST)
+        divide_sums(means, self.softened(self.alpha, sigma), self._codes, _LEAST)
         return means
 
     def _along(self, direction: Floats) -> Floats:
@@ -126,7 +126,7 @@ def codes_at(which: Ints, codes: Floats) -> Floats:
 
 
 @kernel()
-def _divide(sums: Floats, weight: Floats, codes: Floats, least: np.float32) -> None:
+def divide_sums(sums: Floats, weight: Floats, codes: Floats, least: np.float32) -> None:
     """sums (h, w, 3) /= weight (h, w), in place; codes (h, w, 3) where that is not more than `least`."""
     for i in range(weight.shape[0]):
         for j in range(weight.shape[1]):

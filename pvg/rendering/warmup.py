@@ -9,6 +9,7 @@ import numpy as np
 from pvg._arrays import Bytes, Floats
 from pvg.looks import LookMap, SkinMap
 from pvg.membrane import Membrane
+from pvg.rendering.blocks import divide_sums
 from pvg.rendering.body import apply_body
 from pvg.rendering.bounded import beyond_bound_of_means
 from pvg.rendering.correction import Correction
@@ -33,6 +34,8 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     seen = Visibility(np.zeros(count, np.float32), np.arange(2), np.full((2, count), 1 / count, np.float32))
     seen.settle(colors)
     add_part(membrane.planes.copy(), np.zeros(3, np.float32), membrane.planes[0])
+    means = np.zeros((4, 4, 3), np.float32)
+    divide_sums(means, means[..., 0].copy(), means.copy(), np.float32(0.0))
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     number = Correction(lattice, planes, 1.1, planes)
     darker = SkinMap.between(colors, 0.6 * colors.astype(np.float64))  # a map that moves nothing has no bound
