@@ -316,7 +316,8 @@ def test_processes_that_keep_other_types_at_once_do_not_mix_them_up(
     known, both = twice.overloads, threading.Barrier(2)
     of_integers, of_floats = known
     first_is_kept = threading.Event()
-    read, keep = IndexDataCacheFile._load_index, IndexDataCacheFile._save_data
+    read: Callable[[Any], Any] = IndexDataCacheFile._load_index
+    keep: Callable[[Any, str, Any], None] = IndexDataCacheFile._save_data
 
     def read_at_once(file: Any) -> Any:
         index = read(file)
