@@ -59,7 +59,7 @@ class Motion:
     flow: Floats
     certain: Bools
 
-    def warp(self, before: Image) -> Floats:
+    def warp(self, before: Image | Floats) -> Floats:
         """The frame before, brought to where its pixels are now: (h, w, 3) float32."""
         h, w = self.flow.shape[:2]
         x, y = np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32))
