@@ -17,8 +17,8 @@ class BodyNumbers:
     person_every: int = 4  # frames from one mask of the network to the next [by eye]
     unexplained: float = 30.0  # levels of grey that cells are off those of the scene before, moved by the flow [by eye]
     much: float = 0.007  # of the cells that are [measured: fast hands 0.01 to 0.08, people who talk 0.005 and less]
-    # people who talk have 0.004 at most, hands 0.01 to 1.6; jumps of the colour in a clip of fast hands sum up to 525
-    # where nothing is asked for them, to 433 with 0.025, to 350 with 0.01, to 347 with 0.004
+    # people who talk have 0.004 at most, hands 0.01 to 1.6; `benchmarks.quality.jumps` has 3631 in a clip of fast hands
+    # where nothing is asked for them, 3188 with 0.025, 2565 with 0.01, 2447 with 0.004
     other: float = 0.01  # of a face size squared [measured: as above] that is skin now, or none, by the rules
     cube: int = 33  # nodes along each side of the table of colours [by eye]
     # chroma around a face from which on colours tell of other skin [measured: around 31 faces 10 at least, in a cool
