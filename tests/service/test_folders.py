@@ -5,19 +5,20 @@ import resource
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import get_args
 
 import pytest
 
+from scripts.samples import Samples
 from service.folders import private_folder
 from service.queue import make_folders
 from service.settings import Settings
 from service.storage import Kind
 from tests.folders import permissions, umask_of
 from tests.service.fixtures import PNG, Api
-from tests.worker.serving import running_service
+from tests.worker.serving import Service, running_service, worker_processes
 
 
 @pytest.fixture(autouse=True)
@@ -163,17 +164,36 @@ def test_uploads_are_for_us_alone(api: Api) -> None:
     assert open_to_others(api.services.settings.folder) == []
 
 
-def test_every_process_of_the_service_keeps_to_itself(tmp_path: Path) -> None:
-    with cores_allowed(), running_service(tmp_path) as service:
-        medium = service.client.post("/references", content=PNG).json()
-        assert service.finished(medium["job"])["state"] == "failed"
-        umasks, cores = {}, {}
-        for pid in service.processes():
-            with suppress(FileNotFoundError, ProcessLookupError):  # that of the job ends
-                umasks[pid] = Path(f"/proc/{pid}/status").read_text().partition("Umask:\t")[2].split("\n")[0]
-                limits = Path(f"/proc/{pid}/limits").read_text()
-                cores[pid] = limits.partition("Max core file size")[2].split()[0]
-        assert len(umasks) >= 4  # the API, the worker, its pool
-        assert set(umasks.values()) == {"0077"}
-        assert set(cores.values()) == {"0"}
-        assert open_to_others(service.data_dir) == []
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """Started where files are open to others and cores are left, and in a folder with packages named as its own."""
+    folder = tmp_path_factory.mktemp("service")
+    for name in ("worker", "service", "pvg", "celery"):
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text("raise SystemExit('imported from the current folder')")
+    with ExitStack() as stack:
+        with umask_of(0o022), cores_allowed():
+            running = stack.enter_context(running_service(folder, cwd=folder))
+        yield running
+
+
+def test_every_process_of_the_service_keeps_to_itself(service: Service) -> None:
+    medium = service.client.post("/references", content=PNG).json()
+    assert service.finished(medium["job"])["state"] == "failed"
+    umasks, cores = {}, {}
+    for pid in service.processes():
+        with suppress(FileNotFoundError, ProcessLookupError):  # that of the job ends
+            umasks[pid] = Path(f"/proc/{pid}/status").read_text().partition("Umask:\t")[2].split("\n")[0]
+            limits = Path(f"/proc/{pid}/limits").read_text()
+            cores[pid] = limits.partition("Max core file size")[2].split()[0]
+    assert len(umasks) >= 4  # the API, the worker, its pool
+    assert set(umasks.values()) == {"0077"}
+    assert set(cores.values()) == {"0"}
+    assert open_to_others(service.data_dir) == []
+
+
+def test_packages_in_the_folder_it_is_started_in_are_left_alone(service: Service, samples: Samples) -> None:
+    workers = worker_processes(service.data_dir, 3)
+    assert service.ready("/references", samples.portrait)["state"] == "ready"
+    assert workers <= worker_processes(service.data_dir, 3)
+    assert "the worker ended by itself" not in service.log.read_text()

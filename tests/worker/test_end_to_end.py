@@ -370,17 +370,6 @@ def test_a_killed_worker_is_started_again_and_a_killed_api_takes_its_worker_alon
         assert wait_until_gone(service.data_dir, 120) == {}
 
 
-def test_packages_in_the_folder_it_is_started_in_are_left_alone(tmp_path: Path, samples: Samples) -> None:
-    for name in ("worker", "service", "pvg", "celery"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported from the current folder')")
-    with running_service(tmp_path, cwd=tmp_path) as service:
-        workers = worker_processes(service.data_dir, 3)
-        assert service.ready("/references", samples.portrait)["state"] == "ready"
-        assert workers <= worker_processes(service.data_dir, 3)
-        assert "the worker ended by itself" not in service.log.read_text()
-
-
 def test_the_first_jobs_of_a_worker_and_of_a_replaced_child_wait_for_nothing(tmp_path: Path, samples: Samples) -> None:
     with running_service(
         tmp_path, worker_concurrency="1", worker_max_tasks_per_child="1", broker_polling_interval_s="0.1"
