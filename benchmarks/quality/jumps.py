@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -16,20 +17,19 @@ import numpy as np
 
 import pvg
 from benchmarks.quality.clips import kept_asset
-from benchmarks.quality.faces import Floats, Image
+from benchmarks.quality.faces import Floats, Image, Reference
+from benchmarks.quality.lossless import at_most
 from benchmarks.quality.measures import motion
 from benchmarks.quality.media import HALVES, choose, find_material, half_of
+from benchmarks.quality.regions import strong_references
 from pvg.rendering import Renderer
 from pvg.video import read_frames
 
-REFERENCES = ("woman_pale_soft_light", "man_brown_skin_glasses_beard_blue_bg")
 _LONGEST_PX = 640
 _SMOOTH = 2.0  # pixels, sigma, of both pictures and changes: noise is no jump
 _SAME = 4.0  # levels that the picture may be off what the flow makes of the one before
 _JUMP = 7.0  # levels
 _LEAST_PX = 40  # of a part that jumps
-Levels = Floats
-"""(h, w, 3) float32."""
 
 
 def jumps(before: tuple[Image, Image], now: tuple[Image, Image]) -> Floats:
@@ -49,8 +49,8 @@ def jumps(before: tuple[Image, Image], now: tuple[Image, Image]) -> Floats:
     return np.asarray(jump, np.float32)
 
 
-def _smooth(pictures: tuple[Image, Image]) -> tuple[Levels, Levels]:
-    """A picture, and what the look adds to it."""
+def _smooth(pictures: tuple[Image, Image]) -> tuple[Floats, Floats]:
+    """A picture, and what the look adds to it, (h, w, 3) levels each."""
     shown, look = (one.astype(np.float32) for one in pictures)
     first, second = (cv2.GaussianBlur(one, (0, 0), _SMOOTH) for one in (shown, look - shown))
     return np.asarray(first, np.float32), np.asarray(second, np.float32)
@@ -66,25 +66,19 @@ def mean_jump(frames: Iterable[tuple[Image, Image]]) -> tuple[float, int]:
     return float(np.mean(sums)), int(np.argmax(sums))
 
 
-def measure(clip: Path, assets: Path, references: Sequence[Path]) -> tuple[str, float, int]:
+def measure(clip: Path, asset: Path, references: Sequence[Reference]) -> tuple[str, float, int]:
     """Of the reference that changes the clip's middle frame most: its name, and `mean_jump`."""
-    with pvg.open_asset(kept_asset(clip, assets), clip) as video:
-        looks = []
-        for reference in references:
-            with pvg.open_asset(kept_asset(reference, assets, reference=True), reference) as known:
-                looks.append(pvg.transfer(video, known))
+    with pvg.open_asset(asset, clip) as video:
+        looks = [pvg.transfer(video, reference.video) for reference in references]
         middle = video.media.frame_count // 2
         plain = pvg.render_frame(video, None, middle).astype(np.float32)
         k = int(np.argmax([np.abs(pvg.render_frame(video, look, middle) - plain).mean() for look in looks]))
         renderer = Renderer(video, [looks[k]])
         drawn = ((frame, renderer.draw(frame)[0]) for frame in read_frames(clip))
-        mean, worst = mean_jump((_small(frame.rgb()), _small(result.rgb())) for frame, result in drawn)
-    return references[k].stem, mean, worst
-
-
-def _small(rgb: Image) -> Image:
-    scale = min(1.0, _LONGEST_PX / max(rgb.shape[:2]))
-    return np.asarray(cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        mean, worst = mean_jump(
+            (at_most(frame.rgb(), _LONGEST_PX), at_most(result.rgb(), _LONGEST_PX)) for frame, result in drawn
+        )
+    return references[k].name, mean, worst
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -97,12 +91,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--assets", type=Path, required=True, help="folder that keeps the assets")
     args = parser.parse_args(argv)
     args.assets.mkdir(parents=True, exist_ok=True)
-    material = find_material()
-    references = [choose(material.portraits, name)[0] for name in REFERENCES]
     print(f"{'clip':52} {'a frame':>8} {'most in':>8}   with")
-    for clip in choose(half_of(material.clips, args.half), args.names):
-        reference, mean, worst = measure(clip, args.assets, references)
-        print(f"{clip.stem:52} {mean:8.0f} {worst:8}   {reference}", flush=True)
+    with ExitStack() as stack:
+        references = strong_references(args.assets, stack)
+        for clip in choose(half_of(find_material().clips, args.half), args.names):
+            reference, mean, worst = measure(clip, kept_asset(clip, args.assets), references)
+            print(f"{clip.stem:52} {mean:8.0f} {worst:8}   {reference}", flush=True)
 
 
 if __name__ == "__main__":

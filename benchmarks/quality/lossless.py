@@ -7,6 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 
 from benchmarks.quality.faces import Image
@@ -16,6 +17,12 @@ def even_side(picture: Image, scale: float) -> tuple[int, int]:
     """Width and height of a picture (h, w, …) so many times as large, rounded to even ones, as 4:2:0 asks for."""
     height, width = (round(side * scale) // 2 * 2 for side in picture.shape[:2])
     return width, height
+
+
+def at_most(picture: Image, longest_px: int) -> Image:
+    """A picture (h, w, 3) whose longer side has at most so many pixels, with even sides."""
+    side = even_side(picture, min(1.0, longest_px / max(picture.shape[:2])))
+    return np.asarray(cv2.resize(picture, side, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def write_lossless(path: Path, frames: Iterator[Image]) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 import pvg
 from benchmarks.quality.faces import Bools, Floats, Image
-from benchmarks.quality.lossless import even_side, write_lossless
+from benchmarks.quality.lossless import at_most, write_lossless
 from benchmarks.quality.media import choose, find_material
 from pvg.video import read_frames, read_image
 
@@ -99,11 +99,8 @@ def changes_of(clip: Path, look: Path) -> tuple[Floats, Bools]:
 
 def measure(still: Path, reference: pvg.VectorVideo, folder: Path) -> Stillness:
     """How still a look of a reference lies on a still.  Raises `pvg.PvgError` where it shows no face."""
-    rgb = read_image(still).rgb()
-    scale = min(1.0, _LONGEST_PX / max(rgb.shape[:2]))
-    side = even_side(rgb, scale)
     clip, look = folder / f"{still.stem}.mp4", folder / f"{still.stem}.look.mkv"
-    write_lossless(clip, moved_frames(np.asarray(cv2.resize(rgb, side, interpolation=cv2.INTER_AREA), np.uint8)))
+    write_lossless(clip, moved_frames(at_most(read_image(still).rgb(), _LONGEST_PX)))
     with pvg.vectorize(clip, asset=folder / f"{still.stem}.pvg") as video:
         pvg.render(video, [pvg.transfer(video, reference)], [look])
     return Stillness.of(*changes_of(clip, look))

@@ -15,7 +15,7 @@ import numpy as np
 import pvg
 from benchmarks.quality.clips import measured_frames, opened_paper, vectorize_clip, widest
 from benchmarks.quality.faces import Bools, Floats, Image, View, references_of, view_of
-from benchmarks.quality.lossless import even_side, write_lossless
+from benchmarks.quality.lossless import at_most, write_lossless
 from benchmarks.quality.measures import median_delta_e
 from benchmarks.quality.peers import open_methods
 from pvg.video import read_frames
@@ -37,10 +37,7 @@ def _still(clip: Path, asset: Path) -> Image:
     """The first frame with a face, its longest side at most 720 px."""
     with pvg.open_asset(asset, clip) as video:
         first = next(iter(measured_frames(video, widest(video), 1)))
-    rgb = next(iter(read_frames(clip, start=first, stop=first + 1))).rgb()
-    scale = min(1.0, _LONGEST_PX / max(rgb.shape[:2]))
-    side = even_side(rgb, scale)
-    return np.asarray(cv2.resize(rgb, side, interpolation=cv2.INTER_AREA), np.uint8)
+    return at_most(next(iter(read_frames(clip, start=first, stop=first + 1))).rgb(), _LONGEST_PX)
 
 
 @dataclass
